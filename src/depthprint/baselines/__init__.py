@@ -1,0 +1,1 @@
+"""Methods that depthprint is measured against, one file each."""

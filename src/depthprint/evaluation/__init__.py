@@ -1,0 +1,1 @@
+"""Protocols, each implemented once and used for every method alike."""

@@ -1,0 +1,43 @@
+"""PlaceRecognizer: the one protocol of every method that recognises places, ours and the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from depthprint.range_image import RangeImage
+
+__all__ = ["PlaceMatch", "PlaceRecognizer"]
+
+
+@dataclass(frozen=True)
+class PlaceMatch:
+    """A stored place proposed for a query; smaller ``distance`` is more alike. ``shift`` is in columns or None."""
+
+    place: int
+    distance: float
+    shift: float | None = None
+
+
+class PlaceRecognizer(Protocol):
+    """Places are numbered 0, 1, ... in the order of ``add``.
+
+    ``describe`` is pure; a description is opaque and may be queried and added any number of times.
+    ``query`` looks at the places below ``limit`` only (all when None) and returns up to k matches, best first.
+    """
+
+    def fit(self, images: Sequence[RangeImage]) -> PlaceRecognizer:
+        """Learn whatever is learned (dictionary, vocabulary) from frames disjoint from what will be scored."""
+
+    def describe(self, image: RangeImage) -> Any:
+        """Make the description of one frame."""
+
+    def add(self, description: Any) -> int:
+        """Store a place and return its number."""
+
+    def query(self, description: Any, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
+        """Nearest stored places."""
+
+    def distance(self, first: Any, second: Any) -> float:
+        """Distance of two descriptions: what ``query`` minimises."""

@@ -1,0 +1,1 @@
+"""The simulated world: made here, ray cast, and always called simulated."""
