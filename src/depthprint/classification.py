@@ -44,8 +44,8 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
     """Class of the nearest stored object, from distances that were computed beforehand (paper section IV).
 
     n_neighbors: stored objects that vote; a tie goes to the class whose voters are nearer on average.
-    local_scaling: 0 for none, else m > 0: a distance d(q, t) becomes d / sqrt(s_q s_t), with s the distance of
-        a query or stored object to its m-th nearest stored object other than itself (Zelnik-Manor & Perona
+    local_scaling: 0 for none, else m > 0: a distance d(q, t) becomes d / sqrt(s_q s_t), with s the distance
+        of a query or stored object to its m-th nearest stored object other than itself (Zelnik-Manor & Perona
         2004, here on the distance itself). It lifts the handicap of objects in sparse regions.
     metric: only 'precomputed': X holds distances, (n_train, n_train) in ``fit``, (n_query, n_train) later.
 
