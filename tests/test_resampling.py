@@ -1,4 +1,4 @@
-"""Resampling: exact averages, holes that stay holes, edges that stay edges, and the projection that follows."""
+"""Resampling: exact averages, holes stay holes, edges stay edges, and the projection follows."""
 
 from __future__ import annotations
 
