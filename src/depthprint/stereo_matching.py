@@ -60,7 +60,7 @@ def sgbm_depth(
     NaN where no match was found, where it would lie outside the right image, and beyond ``max_depth_m``.
     Raises DataError for images of other type, of two sizes or smaller than a block, naming ``source``;
     SettingsError for a focal length or baseline that is not positive. Matcher: Hirschmueller, 'Stereo
-    processing by semiglobal matching and mutual information', PAMI 2008, in OpenCV's three-pass block variant.
+    processing by semiglobal matching and mutual information', PAMI 2008, in OpenCV's three-pass form.
     """
     chosen = settings or SemiGlobalMatching()
     for name, value in (("focal_px", focal_px), ("baseline_m", baseline_m)):
