@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import zipfile
@@ -104,9 +105,9 @@ def _to_metres(raw: npt.NDArray[Any], scale_m: float) -> npt.NDArray[np.float32]
 
 
 def _read_numpy(path: Path) -> npt.NDArray[Any]:
-    read_bytes(path)
+    content = read_bytes(path)
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = np.load(io.BytesIO(content), allow_pickle=False)
         array = _only_array(path, loaded) if isinstance(loaded, np.lib.npyio.NpzFile) else loaded
     except DataError:
         raise

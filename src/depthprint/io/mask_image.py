@@ -15,7 +15,7 @@ __all__ = ["read_mask_image", "write_mask_image"]
 
 
 def read_mask_image(path: Path | str) -> npt.NDArray[np.bool_]:
-    """(height, width) bool, true where a grey PNG is not zero; DataError naming the file for anything else."""
+    """(height, width) bool, true where a grey PNG is not zero; DataError naming any other file."""
     mask: npt.NDArray[np.bool_] = read_grey_png(Path(path), (1, 2, 4, 8)) > 0
     return mask
 
