@@ -76,7 +76,7 @@ def test_folder_without_any_camera_works_and_says_so(depth_folder, caplog):
 
 
 def test_incomplete_camera_names_what_is_missing(depth_folder):
-    with pytest.raises(DataError, match="camera options: a pinhole camera needs .* missing cx, cy"):
+    with pytest.raises(DataError, match=r"camera options: a pinhole camera needs .* missing cx, cy"):
         generic(depth_folder, fx=14.0, fy=14.0)
 
 
@@ -261,7 +261,7 @@ def test_unknown_options_raise(depth_folder):
 def test_names_take_dashes_and_underscores(depth_folder, tmp_path):
     with pytest.raises(DataError, match="7-Scenes"):
         open_sequence(tmp_path / "absent", dataset="seven-scenes")
-    with pytest.raises(SettingsError, match="expected one of carmen_laser, generic, .*, got 'nine-scenes'"):
+    with pytest.raises(SettingsError, match=r"expected one of carmen_laser, generic, .*, got 'nine-scenes'"):
         open_sequence(depth_folder, dataset="nine-scenes")
     with pytest.raises(SettingsError, match="uw_rgbd_object, got 'coil'"):
         open_objects(depth_folder, dataset="coil")

@@ -105,7 +105,7 @@ def test_view_without_mask_or_place_is_named(tree, part):
 def test_misplaced_file_is_named(tree):
     source = tree / "apple" / "apple_1" / "apple_1_1_1_depthcrop.png"
     source.rename(tree / "apple" / "apple_2" / source.name)
-    with pytest.raises(DataError, match="apple_1_1_1_depthcrop.png: expected a place and name"):
+    with pytest.raises(DataError, match=r"apple_1_1_1_depthcrop.png: expected a place and name"):
         open_objects(tree)
 
 

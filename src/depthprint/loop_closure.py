@@ -102,7 +102,7 @@ def calibrate_threshold(distances: npt.ArrayLike, false_positive_rate: float) ->
     values = np.asarray(distances, dtype=np.float64)
     if values.ndim != 1 or not np.isfinite(values).all():
         raise DataError(f"calibrate_threshold: expected finite distances (n,), got shape {values.shape}")
-    needed = pairs_needed(false_positive_rate)
+    needed = _pairs_needed(false_positive_rate)
     if len(values) < needed:
         raise DataError(
             f"calibrate_threshold: a rate of {false_positive_rate:g} needs at least {needed} distances, "
@@ -113,7 +113,7 @@ def calibrate_threshold(distances: npt.ArrayLike, false_positive_rate: float) ->
     return float(np.nextafter(first_refused, -np.inf))
 
 
-def pairs_needed(false_positive_rate: float) -> int:
+def _pairs_needed(false_positive_rate: float) -> int:
     """Fewest distances that can show a rate: one in them must be allowed to be wrong."""
     return math.ceil(1 / false_positive_rate * (1 - 1e-12))
 
@@ -178,7 +178,7 @@ class LoopClosureDetector:
         """Threshold in force for the next query, None while there are too few pairs to calibrate one."""
         if self._fixed_threshold is not None:
             return self._fixed_threshold
-        if len(self._far_distances) < pairs_needed(self.false_positive_rate):
+        if len(self._far_distances) < _pairs_needed(self.false_positive_rate):
             return None
         return calibrate_threshold(self._far_distances, self.false_positive_rate)
 
