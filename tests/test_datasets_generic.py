@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from depthprint.datasets import SEQUENCES, guess_dataset, open_objects, open_sequence, require_frames
+from depthprint.datasets.base import RangeSequence
 from depthprint.datasets.camera_file import read_camera_file
 from depthprint.datasets.generic import generic
 from depthprint.errors import DataError, SettingsError
@@ -19,6 +20,7 @@ from depthprint.io.point_cloud import PointCloud
 from depthprint.io.poses import write_kitti_poses, write_tum_poses
 from depthprint.io.velodyne import write_velodyne_bin
 from depthprint.projection import Pinhole, Spherical
+from depthprint.range_image import RangeImage
 
 SIZE = (12, 16)
 CAMERA = {"fx": 14.0, "fy": 14.0, "cx": 7.5, "cy": 5.5, "width": 16, "height": 12}
@@ -294,3 +296,29 @@ def test_objects_are_told_from_sequences(tmp_path):
     (folder / "apple_1_1_1_depthcrop.png").write_bytes(b"")
     with pytest.raises(DataError, match="holds views of objects"):
         guess_dataset(tmp_path)
+
+
+def test_simulated_street_is_data_like_any_other():
+    pytest.importorskip("depthprint.datasets.simulated_street")
+    with pytest.raises(SettingsError, match="simulated_street: expected options among .*, got 'colour'"):
+        open_sequence(dataset="simulated-street", colour="red")
+
+
+@pytest.mark.parametrize(
+    "projection", [Pinhole(14.0, 14.0, 7.5, 5.5, 16, 12), Spherical(32, 8)], ids=["pinhole", "spherical"]
+)
+def test_written_sequences_are_read_back(tmp_path, projection):
+    writer = pytest.importorskip("depthprint.simulation.writer")
+    rng = np.random.default_rng(0)
+    ranges_m = rng.integers(500, 9000, (3, projection.height, projection.width)) / 1000
+    ranges_m[:, 2, 3] = np.nan
+    images = [RangeImage(r, projection, sensor_height_m=1.7) for r in ranges_m]
+    written = RangeSequence("made up", images.__getitem__, 3, "street", poses(3), simulated=True)
+    writer.write_sequence(written, tmp_path / "written")
+    sequence = open_sequence(tmp_path / "written")
+    assert len(sequence) == 3
+    for i in range(3):
+        assert sequence[i].projection == projection
+        assert sequence[i].sensor_height_m == 1.7
+        np.testing.assert_allclose(sequence[i].ranges_m, ranges_m[i], atol=1e-3)
+    np.testing.assert_allclose(sequence.poses, poses(3), atol=1e-9)
