@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
@@ -42,6 +42,7 @@ def distances_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a[:, None] - b[None, :], axis=2)
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_nearest_neighbour_is_scikit_learns(seed):
     points, labels = blobs(seed)

@@ -300,7 +300,7 @@ def test_objects_are_told_from_sequences(tmp_path):
 
 def test_simulated_street_is_data_like_any_other():
     pytest.importorskip("depthprint.datasets.simulated_street")
-    with pytest.raises(SettingsError, match="simulated_street: expected options among .*, got 'colour'"):
+    with pytest.raises(SettingsError, match=r"simulated_street: expected options among .*, got 'colour'"):
         open_sequence(dataset="simulated-street", colour="red")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthprint.errors import ConvergenceError, DataError, ModelError, SettingsError
@@ -64,6 +64,7 @@ def test_return_is_found_and_explained():
     assert results[0].distance is None
 
 
+@settings(deadline=None)
 @given(gap=st.integers(0, 12), count=st.integers(1, 20), least=st.integers(1, 4))
 def test_no_match_is_ever_within_the_exclusion_gap(gap, count, least):
     detector = LoopClosureDetector(MeanRange(), exclusion_gap=gap, threshold=1e9, min_places=least)
@@ -127,6 +128,7 @@ def test_calibration_does_not_depend_on_queries_in_between():
     assert quiet.threshold == curious.threshold
 
 
+@settings(deadline=None)
 @given(
     values=st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]) | st.floats(0, 1), min_size=10, max_size=60),
     rate=st.sampled_from([0.1, 0.2, 0.25, 0.5, 0.9]),
