@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+import numpy.typing as npt
 
 __all__ = ["overlap_row"]
 
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
 
-@nb.njit(cache=True)  # type: ignore[misc]
+
+@nb.njit(cache=True)
 def _share_confirmed(
-    points: np.ndarray,
+    points: Float32,
     n_points: int,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    camera: np.ndarray,
-    depth: np.ndarray,
+    rotation: Float64,
+    translation: Float64,
+    camera: Float64,
+    depth: Float32,
     tolerance: float,
 ) -> float:
     height, width = depth.shape
@@ -38,26 +42,26 @@ def _share_confirmed(
     return confirmed / n_points
 
 
-@nb.njit(cache=True, parallel=True)  # type: ignore[misc]
+@nb.njit(cache=True, parallel=True)
 def overlap_row(
     query: int,
     n_candidates: int,
-    points: np.ndarray,
-    counts: np.ndarray,
-    depths: np.ndarray,
-    poses: np.ndarray,
-    camera: np.ndarray,
-    boxes: np.ndarray,
-    margins: np.ndarray,
+    points: Float32,
+    counts: npt.NDArray[np.int64],
+    depths: Float32,
+    poses: Float64,
+    camera: Float64,
+    boxes: Float64,
+    margins: Float64,
     tolerance: float,
-    forward: np.ndarray,
-    backward: np.ndarray,
+    forward: Float32,
+    backward: Float32,
 ) -> None:
     """Fill ``forward[j]`` (query's points seen by candidate j) and ``backward[j]`` (the other way round).
 
     points (n, p, 3) in sensor frames, of which counts[i] are real; depths (n, h, w); poses (n, 4, 4)
-    T_world_sensor; camera (4,) fx fy cx cy of ``depths``; boxes (n, 2, 3) world bounds of what each frame sees;
-    margins (n,): pairs whose boxes are further apart than both margins cannot confirm a point.
+    T_world_sensor; camera (4,) fx fy cx cy of ``depths``; boxes (n, 2, 3) world bounds of what each frame
+    sees; margins (n,): pairs whose boxes are further apart than both margins cannot confirm a point.
     """
     for j in nb.prange(n_candidates):
         forward[j] = 0.0

@@ -1,8 +1,8 @@
 """Ground truth of loops: which earlier frames a query may be matched with, must not be, or either way.
 
 Three values for every candidate pair: positive, negative, and 'ignore' between them, so that a match which is
-arguable counts for nobody. Made from poses alone (``loop_ground_truth``), or read from the matrices that others
-published (``read_loop_matrix``).
+arguable counts for nobody. Made from poses alone (``loop_ground_truth``), or read from the matrices that
+others published (``read_loop_matrix``).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class TruthMatrix:
         return len(self.values)
 
     def candidates(self, query: int) -> int:
-        """Return how many frames (0, 1, ...) are candidates of ``query``: what ``limit`` is to a recogniser."""
+        """Return how many frames (0, 1, ...) are candidates of ``query``: the recogniser's ``limit``."""
         return max(0, query - self.gap)
 
     @property
@@ -100,7 +100,8 @@ def loop_ground_truth(
 
     'distance': metres on the horizontal plane, orthogonal to ``world_up``. Positive when strictly under
     ``positive`` and the headings differ by at most ``heading_deg``; negative when strictly over ``negative``,
-    whatever the heading. A heading is the sensor's forward axis (z of a pinhole camera, x otherwise), flattened.
+    whatever the heading. A heading is the sensor's forward axis (z of a pinhole camera, x otherwise),
+    flattened.
 
     'overlap': the share of one view's depth that the other confirms when reprojected, within
     ``overlap_tolerance_m``. Positive when over ``positive`` both ways. Negative when under ``negative`` both
@@ -124,16 +125,17 @@ def loop_ground_truth(
 def read_loop_matrix(path: Path | str, gap: int = 100) -> TruthMatrix:
     """Read a published loop matrix (MATLAB file, one square 0/1 variable, query x match) as truth.
 
-    Such a matrix has two values: what is not positive is negative, nothing is ignored but pairs within ``gap``.
+    Such a matrix has two values: what is not positive is negative, nothing is ignored but pairs within
+    ``gap``.
     Raises DataError naming the file.
     """
     from scipy.io import loadmat
 
     path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: expected a loop matrix, there is no such file")
     try:
         content = loadmat(path)
-    except FileNotFoundError as error:
-        raise DataError(f"{path}: expected a loop matrix, there is no such file") from error
     except (OSError, ValueError, TypeError, KeyError, NotImplementedError, struct.error, zlib.error) as error:
         raise DataError(f"{path}: expected a MATLAB file (version 5) with a loop matrix: {error}") from error
     matrices = {k: v for k, v in content.items() if not k.startswith("__") and isinstance(v, np.ndarray)}
@@ -149,7 +151,7 @@ def read_loop_matrix(path: Path | str, gap: int = 100) -> TruthMatrix:
 
 
 def horizontal_basis(world_up: tuple[float, float, float]) -> FloatArray:
-    """Two orthonormal rows (2, 3) that span the plane orthogonal to ``world_up``; right-handed seen from above."""
+    """Two orthonormal rows (2, 3) spanning the plane orthogonal to ``world_up``, right-handed from above."""
     up = np.asarray(world_up, dtype=np.float64)
     length = np.linalg.norm(up)
     if up.shape != (3,) or not np.isfinite(length) or length < 1e-9:
@@ -168,7 +170,7 @@ def horizontal_positions_m(poses: FloatArray, world_up: tuple[float, float, floa
 
 
 def horizontal_headings(sequence: RangeSequence) -> FloatArray:
-    """Unit vectors (n, 2) of the sensor's forward axis on the horizontal plane; DataError where it is vertical."""
+    """Unit vectors (n, 2) of the sensor's forward axis on the horizontal plane; DataError where vertical."""
     poses = _finite_poses(sequence)
     forward = poses[:, :3, 2] if isinstance(sequence[0].projection, Pinhole) else poses[:, :3, 0]
     flat = forward @ horizontal_basis(sequence.world_up).T
@@ -218,7 +220,8 @@ def _check_rule(rule: LoopTruth) -> None:
         )
     if rule.kind == "overlap" and not 0 <= rule.negative <= rule.positive < 1:
         raise SettingsError(
-            f"LoopTruth: expected overlaps 0 <= negative <= positive < 1, got {rule.negative}, {rule.positive}"
+            "LoopTruth: expected overlaps 0 <= negative <= positive < 1, got "
+            f"{rule.negative}, {rule.positive}"
         )
     if rule.kind == "overlap" and not rule.overlap_tolerance_m > 0:
         raise SettingsError(f"LoopTruth: expected overlap_tolerance_m > 0, got {rule.overlap_tolerance_m}")
@@ -230,8 +233,8 @@ def _describe_rule(rule: LoopTruth) -> str:
     older = f"candidates over {rule.gap} frames older"
     if rule.kind == "overlap":
         return (
-            f"{older}; positive: view overlap > {rule.positive:g} both ways, negative: < {rule.negative:g} both ways"
-            f" (depth within {rule.overlap_tolerance_m:g} m)"
+            f"{older}; positive: view overlap > {rule.positive:g} both ways, "
+            f"negative: < {rule.negative:g} both ways (depth within {rule.overlap_tolerance_m:g} m)"
         )
     heading = "" if rule.heading_deg is None else f" and heading within {rule.heading_deg:g} deg"
     return f"{older}; positive: < {rule.positive:g} m{heading}, negative: > {rule.negative:g} m, horizontal"

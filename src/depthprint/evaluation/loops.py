@@ -1,4 +1,4 @@
-"""The query-wise causal protocol: each frame asks the past, then joins it. One implementation for every method."""
+"""The query-wise causal protocol, one for every method: each frame asks the past, then joins it."""
 
 from __future__ import annotations
 
@@ -89,13 +89,13 @@ def evaluate_loops(
     resamples: int = 1000,
     progress: Progress | None = None,
 ) -> LoopEvaluation:
-    """Run fitted, empty recognisers over a sequence and score them: describe, query the past, add, frame by frame.
+    """Run fitted, empty recognisers over a sequence and score them: describe, query the past, add.
 
-    truth: a rule, a matrix already made (of the sequence's length), or None for the sequence's own rule. ``seed`` and
-    ``resamples`` serve the bootstrap intervals. A frame is read once and described once per method. The score of a
-    match is its negated distance.
-    Raises DataError for a truth of another length, a recogniser that is not empty, names a place it must not see yet,
-    or returns a distance that is not finite.
+    truth: a rule, a matrix already made (of the sequence's length), or None for the sequence's own rule.
+    ``seed`` and ``resamples`` serve the bootstrap intervals. A frame is read once and described once per
+    method. The score of a match is its negated distance.
+    Raises DataError for a truth of another length, a recogniser that is not empty, names a place it must not
+    see yet, or returns a distance that is not finite.
     """
     matrix = truth if isinstance(truth, TruthMatrix) else loop_ground_truth(sequence, truth)
     if len(matrix) != len(sequence):
@@ -151,7 +151,8 @@ class _Run:
         best = matches[0]
         if not 0 <= best.place < limit:
             raise DataError(
-                f"method {self.name!r}, frame {frame}: expected a match among places 0..{limit - 1}, got {best.place}"
+                f"method {self.name!r}, frame {frame}: expected a match among places 0..{limit - 1}, "
+                f"got {best.place}"
             )
         if not np.isfinite(best.distance):
             raise DataError(

@@ -1,9 +1,10 @@
 """Query-wise precision and recall, over the sorted scores themselves: pure functions of arrays.
 
 A query names its best match and a score; its outcome is 1 where the match is a positive one, -1 where it is a
-negative one, 0 where the truth says 'ignore'. At a threshold, every query whose score reaches it is a detection.
-An ignored detection counts neither as true nor as false; its query, where it has a positive candidate, stays
-among those to be found. A wrong match for a query that has a positive candidate is a false positive and a miss.
+negative one, 0 where the truth says 'ignore'. At a threshold, every query whose score reaches it is a
+detection. An ignored detection counts neither as true nor as false; its query, where it has a positive
+candidate, stays among those to be found. A wrong match for a query that has a positive candidate is a false
+positive and a miss.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ class QueryOutcomes:
         impossible = (outcomes == 1) & ~has_positive
         if impossible.any():
             raise DataError(
-                f"QueryOutcomes: query {int(np.argmax(impossible))} has a positive match but no positive candidate"
+                f"QueryOutcomes: query {int(np.argmax(impossible))} has a positive match, "
+                "but no positive candidate"
             )
         for name, array in (
             ("scores", scores),
@@ -82,8 +84,8 @@ class QueryOutcomes:
 class PrecisionRecall:
     """Precision and recall at each distinct score, surest first; ties are passed together.
 
-    thresholds, precision, recall: (t,) float64. ``precision`` is NaN where nothing but ignored matches is detected
-    yet. ``recall`` is NaN throughout where no query has a positive candidate.
+    thresholds, precision, recall: (t,) float64. ``precision`` is NaN where nothing but ignored matches is
+    detected yet. ``recall`` is NaN throughout where no query has a positive candidate.
     true_positives, false_positives: (t,) int64.
     """
 
@@ -135,9 +137,9 @@ def precision_recall(queries: QueryOutcomes) -> PrecisionRecall:
 def loop_metrics(queries: QueryOutcomes) -> LoopMetrics:
     """Compute every figure of the query-wise protocol.
 
-    Average precision follows the step form of the sum (as scikit-learn's), over recall among the queries that can be
-    found. Extended precision: Ferrarini et al., "Exploring Performance Bounds of Visual Place Recognition Using
-    Extended Precision", RA-L 2020.
+    Average precision follows the step form of the sum (as scikit-learn's), over recall among the queries that
+    can be found. Extended precision: Ferrarini et al., "Exploring Performance Bounds of Visual Place
+    Recognition Using Extended Precision", RA-L 2020.
     """
     if not queries.has_positive.any():
         return LoopMetrics(*[float("nan")] * 6)
@@ -170,13 +172,14 @@ def bootstrap_intervals(
 ) -> dict[str, Interval]:
     """Return percentile intervals of the figures of ``loop_metrics``, over blocks of neighbouring queries.
 
-    Neighbouring queries see nearly the same, so whole runs of ``block`` queries are drawn, with replacement and
-    wrapping around the end (circular block bootstrap, Politis & Romano 1992). Draws without any positive query are
-    left out; where more than half are, the interval is (NaN, NaN).
+    Neighbouring queries see nearly the same, so whole runs of ``block`` queries are drawn, with replacement
+    and wrapping around the end (circular block bootstrap, Politis & Romano 1992). Draws without any positive
+    query are left out; where more than half are, the interval is (NaN, NaN).
     """
     if resamples < 1 or block < 1 or not 0 < level < 1:
         raise SettingsError(
-            f"bootstrap_intervals: expected resamples >= 1, block >= 1 and 0 < level < 1, got {resamples}, {block}, {level}"
+            "bootstrap_intervals: expected resamples >= 1, block >= 1 and 0 < level < 1, got "
+            f"{resamples}, {block}, {level}"
         )
     n = len(queries)
     names = [name for name in LoopMetrics.__dataclass_fields__ if name != "threshold_at_100_precision"]

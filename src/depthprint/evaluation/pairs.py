@@ -1,4 +1,4 @@
-"""The pair-wise protocol: is this pair of frames one place? Kept apart from the query-wise one, which is harder."""
+"""The pair-wise protocol: is this pair of frames one place? The query-wise one is harder; never mix them."""
 
 from __future__ import annotations
 
@@ -50,9 +50,10 @@ class PairEvaluation:
 def sample_pairs(
     truth: TruthMatrix, seed: int, *, negatives_per_positive: int = 100, max_positives: int | None = None
 ) -> tuple[PairArray, npt.NDArray[np.bool_]]:
-    """Draw pairs without replacement: all positives (or ``max_positives`` of them) and so many negatives for each.
+    """Draw pairs without replacement: positives, all or ``max_positives``, and so many negatives for each.
 
-    Returns pairs (m, 2) int64, positives first, and (m,) bool. Where there are too few negatives, all are taken.
+    Returns pairs (m, 2) int64, positives first, and (m,) bool. Where there are too few negatives, all are
+    taken.
     Raises DataError where the truth holds no positive or no negative pair.
     """
     if negatives_per_positive < 1 or (max_positives is not None and max_positives < 1):
@@ -64,7 +65,8 @@ def sample_pairs(
     positives, negatives = np.flatnonzero(truth.values == POSITIVE), np.flatnonzero(truth.values == NEGATIVE)
     if not len(positives) or not len(negatives):
         raise DataError(
-            f"pair-wise protocol: expected positive and negative pairs, got {len(positives)} and {len(negatives)}"
+            "pair-wise protocol: expected positive and negative pairs, got "
+            f"{len(positives)} and {len(negatives)}"
         )
     if max_positives is not None and len(positives) > max_positives:
         positives = np.sort(generator.choice(positives, max_positives, replace=False))
@@ -85,9 +87,10 @@ def evaluate_pairs(
     max_positives: int | None = None,
     progress: Progress | None = None,
 ) -> PairEvaluation:
-    """Score fitted recognisers on sampled pairs, positive under 3 m and negative over 20 m unless ``truth`` says else.
+    """Score fitted recognisers on sampled pairs, by default positive under 3 m and negative over 20 m.
 
-    By default any heading, and the sequence's own gap. Descriptions of all frames are held in memory.
+    Unless ``truth`` says else, any heading counts, with the sequence's own gap. Descriptions of all frames are
+    held in memory.
     Raises DataError for distances that are not finite.
     """
     if truth is None:

@@ -38,9 +38,10 @@ def view_overlaps(
 ) -> ViewOverlaps:
     """Measure the view overlap of every pair ``i - j > gap`` of a pinhole sequence, both ways.
 
-    A return of one frame is confirmed when it projects into the other and lies within ``tolerance_m`` (depth along
-    the optical axis) of the surface seen there: hidden points, holes and points outside confirm nothing. About 80
-    columns of one frame are looked up among about 320 of the other. Frames are held in memory thinned out.
+    A return of one frame is confirmed when it projects into the other and lies within ``tolerance_m`` (depth
+    along the optical axis) of the surface seen there: hidden points, holes and points outside confirm
+    nothing. About 80 columns of one frame are looked up among about 320 of the other. Frames are held in
+    memory thinned out.
     Raises DataError (no poses, sizes that differ), SettingsError (not a pinhole camera).
     """
     from depthprint._kernels.overlap import overlap_row
