@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def data_root() -> Path:
-    """Folder of the development data: DEPTHPRINT_DATA, else ../shared/data beside the checkout; skips where absent."""
+    """Development data: DEPTHPRINT_DATA, else ../shared/data beside the checkout; skips where absent."""
     named = os.environ.get("DEPTHPRINT_DATA")
     folder = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
     if not folder.is_dir():

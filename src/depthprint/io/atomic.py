@@ -17,8 +17,8 @@ __all__ = ["atomic_path"]
 def atomic_path(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path``, with its suffix; rename it on success, remove it on error.
 
-    The temporary file does not exist yet when it is yielded. Missing parent folders are made. Raises DataError
-    when the folder cannot be made or written to.
+    The temporary file does not exist yet when it is yielded. Missing parent folders are made. Raises
+    DataError when the folder cannot be made or written to.
     """
     target = Path(path)
     try:
