@@ -102,7 +102,7 @@ def test_views_are_selected_by_frame_number():
 
 
 def test_telling_depth_solves_both_protocols_and_chance_does_not():
-    objects = object_set({c: 3 for c in "abcd"})
+    objects = object_set(dict.fromkeys("abcd", 3))
     evaluation = evaluate_objects(objects, [by_depth(), by_chance(0), by_chance(1)], seed=1)
     depth, chance, other = evaluation.methods
     assert depth.category_accuracy_mean == depth.instance_accuracy == 1.0

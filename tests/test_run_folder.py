@@ -33,9 +33,13 @@ def test_run_holds_settings_results_tables_and_figures(tmp_path):
 
 
 def test_failed_run_leaves_nothing(tmp_path):
-    with pytest.raises(RuntimeError, match="half way"), RunFolder(tmp_path / "out", {}) as run:
-        run.write_json("results.json", {})
-        raise RuntimeError("half way")
+    def run_and_fail() -> None:
+        with RunFolder(tmp_path / "out", {}) as run:
+            run.write_json("results.json", {})
+            raise RuntimeError("half way")
+
+    with pytest.raises(RuntimeError, match="half way"):
+        run_and_fail()
     assert list(tmp_path.iterdir()) == []
 
 

@@ -71,7 +71,7 @@ def json_ready(value: Any) -> Any:
 
 
 class RunFolder:
-    """Context manager: files go to a hidden sibling of ``path`` that takes its place when the block ends well.
+    """Context manager: files go to a hidden sibling of ``path``, renamed to it when the block ends well.
 
     On any error nothing is left and an earlier run in ``path`` stays as it was. An earlier run is replaced
     whole; a folder that is neither empty nor a run, or a file, raises SettingsError on entry, before any

@@ -89,8 +89,8 @@ def evaluate_pairs(
 ) -> PairEvaluation:
     """Score fitted recognisers on sampled pairs, by default positive under 3 m and negative over 20 m.
 
-    Unless ``truth`` says else, any heading counts, with the sequence's own gap. Descriptions of all frames are
-    held in memory.
+    Unless ``truth`` says else, any heading counts, with the sequence's own gap. Descriptions of all
+    frames are held in memory.
     Raises DataError for distances that are not finite.
     """
     if truth is None:

@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.floating]
 
 
 def atom_grid(atoms: FloatArray, columns: int = 16) -> npt.NDArray[np.float64]:
-    """Lay atoms (k, h, w) or (k, h, w, c) out as one RGB picture, each scaled by its own largest magnitude.
+    """Lay atoms (k, h, w) or (k, h, w, c) out as one RGB picture, each scaled by its own largest value.
 
     Zero is mid-grey. Three channels are shown as red, green and blue; any other number side by side, in grey.
     """
@@ -49,7 +49,7 @@ def atom_grid(atoms: FloatArray, columns: int = 16) -> npt.NDArray[np.float64]:
 def draw_atoms(
     atoms: FloatArray, path: Path | str, *, data: str = "", simulated: bool = False, columns: int = 16
 ) -> Path:
-    """Draw all atoms in their order, row by row; ``data`` names what they were learned from. Returns the path."""
+    """Draw all atoms in their order, row by row, learned from ``data``. Returns the path written."""
     picture = atom_grid(atoms, columns)
     channels = 1 if atoms.ndim == 3 else atoms.shape[3]
     size = f"{atoms.shape[1]} x {atoms.shape[2]} px" + (f", {channels} channels" if channels > 1 else "")

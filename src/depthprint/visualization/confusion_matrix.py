@@ -23,9 +23,10 @@ def draw_confusion_matrix(
     data: str = "",
     simulated: bool = False,
 ) -> Path:
-    """Draw counts (c, c), true category down and predicted across, as shares of each true category's views.
+    """Draw counts (c, c), true category down and predicted across, as shares of each true category.
 
-    Up to 12 categories get their shares as numbers. Returns the path written. Raises DataError for other shapes.
+    Up to 12 categories get their shares as numbers. Returns the path written. Raises DataError for other
+    shapes.
     """
     counts = np.asarray(counts)
     c = len(labels)

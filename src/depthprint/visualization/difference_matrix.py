@@ -39,7 +39,7 @@ def draw_difference_matrix(
     with drawing(path, 7.0, 6.2) as figure:
         axes = figure.add_subplot()
         colors = colormaps["viridis"].with_extremes(bad=BAD_COLOR)
-        drawn = axes.imshow(np.ma.masked_invalid(matrix), cmap=colors, vmin=low, vmax=high)
+        drawn = axes.imshow(matrix, cmap=colors, vmin=low, vmax=high)
         figure.colorbar(drawn, ax=axes, label=label, extend="both", shrink=0.85)
         axes.set(xlabel="match (frame)", ylabel="query (frame)")
         axes.set_title(titled(f"Distance of all pairs{', ' + method if method else ''}", data, simulated))

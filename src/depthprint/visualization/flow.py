@@ -22,7 +22,10 @@ _LEAST_SHARE = 0.005
 
 @dataclass(frozen=True)
 class PlacedClusters:
-    """One side of a flow: picture (h, w), NaN = unknown; positions (k, 2) column and row in px; weights (k,)."""
+    """One side of a flow.
+
+    picture: (h, w), NaN where unknown; positions_px: (k, 2) column and row; weights: (k,) >= 0.
+    """
 
     picture: FloatArray
     positions_px: FloatArray
@@ -59,9 +62,9 @@ def draw_flow(
 ) -> Path:
     """Draw the flow (k, l) as arrows from the clusters of the first image to those of the second.
 
-    The wider an arrow the more mass it moves; with ``costs`` (k, l) its colour is the ground distance. The area of a
-    disc is its cluster's weight; what no arrow takes or brings goes to the null element and is the disc's empty part.
-    Moves under half a percent of the largest are left out. Returns the path written.
+    The wider an arrow the more it moves; with ``costs`` (k, l) its colour is the ground distance. The area
+    of a disc is its cluster's weight; what no arrow takes or brings is with the null element and is the disc's
+    empty part. Moves under half a percent of the largest are left out. Returns the path written.
     Raises DataError for flows of another shape, negative, or above the weights.
     """
     flow = _checked_flow(first, second, flow, costs)
@@ -83,19 +86,18 @@ def draw_flow(
 
 
 def _checked_flow(first: PlacedClusters, second: PlacedClusters, flow: Any, costs: Any) -> FloatArray:
-    flow = np.asarray(flow, dtype=np.float64)
+    flow = np.array(flow, dtype=np.float64)
     shape = (len(first.weights), len(second.weights))
     if flow.shape != shape or (costs is not None and np.shape(costs) != shape):
         raise DataError(
             f"flow: expected a flow and costs of shape {shape}, got {flow.shape} and {np.shape(costs)}"
         )
     slack = 1e-6 * max(1.0, first.weights.sum(), second.weights.sum())
-    over = (flow.sum(axis=1) > first.weights + slack).any() or (
-        flow.sum(axis=0) > second.weights + slack
-    ).any()
+    taken, brought = flow.sum(axis=1), flow.sum(axis=0)
+    over = (taken > first.weights + slack).any() or (brought > second.weights + slack).any()
     if not np.isfinite(flow).all() or (flow < -slack).any() or over:
         raise DataError("flow: expected finite moves >= 0 that add up to no more than the weights")
-    return np.maximum(flow, 0.0)
+    return np.asarray(np.maximum(flow, 0.0))
 
 
 def _draw_side(
@@ -121,7 +123,7 @@ def _draw_side(
     axes.scatter(*at.T, s=area * np.minimum(moved, side.weights), color=COLORS[0], lw=0, zorder=4)
     if side.title:
         axes.text(left + width / 2, -0.04, side.title, ha="center", va="top")
-    return at, width
+    return np.asarray(at), float(width)
 
 
 def _draw_arrows(

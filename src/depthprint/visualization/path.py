@@ -59,7 +59,7 @@ def draw_path(
     data: str = "",
     simulated: bool = False,
 ) -> Path:
-    """Draw the path (n, 2) seen from above, in metres, and its loops: true, false (joined to their match), missed.
+    """Draw the path (n, 2), metres, from above, with true, false (joined to their match) and missed loops.
 
     Returns the path written. Raises DataError for positions that are not finite or loops beyond them.
     """
@@ -83,7 +83,7 @@ def draw_path(
             from matplotlib.collections import LineCollection
 
             axes.add_collection(
-                LineCollection(positions_m[loops.false], colors=_FALSE, lw=0.8, alpha=0.6, zorder=4)
+                LineCollection(list(positions_m[loops.false]), colors=_FALSE, lw=0.8, alpha=0.6, zorder=4)
             )
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
         axes.grid(color="0.93")

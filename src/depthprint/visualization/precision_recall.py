@@ -21,12 +21,12 @@ def draw_precision_recall(
 ) -> Path:
     """Draw every method's curve, with its average precision and, as a dot, its recall at 100 % precision.
 
-    Curves start at the smallest recall above zero. Returns the path written. Raises DataError where there is nothing
-    to find.
+    Curves start at the smallest recall above zero. Returns the path written. Raises DataError where there is
+    nothing to find.
     """
     if not methods:
         raise DataError("precision-recall: expected at least one method, got none")
-    with drawing(path, 7.5, 5.2) as figure:
+    with drawing(path, 9.0, 5.2) as figure:
         axes = figure.add_subplot()
         for number, (name, queries) in enumerate(methods.items()):
             if not queries.has_positive.any():

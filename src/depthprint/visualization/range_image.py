@@ -39,10 +39,11 @@ def draw_range_image(
             from matplotlib import colormaps
 
             colors = colormaps[DEPTH_MAP].with_extremes(bad=BAD_COLOR)
-            aspect = "equal" if height * 6 > width else "auto"
-            drawn = axes.imshow(ranges_m, cmap=colors, vmin=low, vmax=high, aspect=aspect)
+            drawn = axes.imshow(ranges_m, cmap=colors, vmin=low, vmax=high)
+            if width > 6 * height:
+                axes.set_aspect("auto")
             unit = "depth (m)" if isinstance(image.projection, Pinhole) else "range (m)"
-            figure.colorbar(drawn, ax=axes, label=unit, extend="both")
+            figure.colorbar(drawn, ax=axes, label=unit, extend="both", shrink=0.85)
             axes.set(xlabel="column (px)", ylabel="row (px)")
     return Path(path)
 
@@ -51,6 +52,7 @@ def _draw_scan(axes: Any, image: RangeImage, projection: Any) -> None:
     azimuth_rad = projection.angle_min_rad + projection.angle_step_rad * np.arange(projection.width)
     ranges_m = np.asarray(image.ranges_m)[0]
     axes.plot(-ranges_m * np.sin(azimuth_rad), ranges_m * np.cos(azimuth_rad), ".", ms=4, color=COLORS[0])
-    axes.plot(0, 0, "^", ms=11, color=COLORS[1], label="sensor, looking up the page")
-    axes.set(xlabel="to the right (m)", ylabel="forward (m)", aspect="equal")
-    axes.legend(loc="lower right")
+    axes.plot(0, 0, "^", ms=11, color=COLORS[1], label="sensor")
+    axes.set(xlabel="to the right (m)", ylabel="forward (m)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="upper right")
