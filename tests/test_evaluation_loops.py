@@ -19,7 +19,7 @@ from depthprint.evaluation.report import (
     pair_report,
     results_table,
 )
-from depthprint.projection import LaserRow
+from depthprint.projection import LaserRow, Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 from depthprint.run_folder import json_ready
@@ -201,6 +201,28 @@ def test_pair_protocol_needs_both_kinds_and_finite_distances():
         evaluate_pairs(sequence, {"bad": ReturnsNoNumber()}, negatives_per_positive=1)
     with pytest.raises(SettingsError, match="negative"):
         sample_pairs(loop_ground_truth(sequence), 0, negatives_per_positive=0)
+
+
+def test_progress_includes_the_truth_of_view_overlap():
+    camera = Pinhole(6.0, 6.0, 3.5, 2.5, 8, 6)
+    blank = RangeImage(np.ones((6, 8), dtype=np.float32), camera)
+    rule = LoopTruth("overlap", gap=1, positive=0.5, negative=0.3)
+    sequence = RangeSequence(
+        "wall", lambda i: blank, 4, "handheld", np.tile(np.eye(4), (4, 1, 1)), truth=rule
+    )
+    calls: list[tuple[int, int]] = []
+    (result,) = evaluate_loops(
+        sequence, {"exact": Nearest()}, resamples=5, progress=lambda done, total: calls.append((done, total))
+    )
+    assert {total for _, total in calls} == {12}
+    assert [done for done, _ in calls] == sorted({done for done, _ in calls})
+    assert calls[-1][0] == 12
+    assert result.metrics.recall_at_1 == 1.0
+
+
+def test_threshold_is_reported_as_a_distance():
+    report = loop_report(evaluate_loops(two_laps(), {"exact": Nearest()}, resamples=5), {})
+    assert report["methods"]["exact"]["distance_at_100_precision"] == 0.0
 
 
 def test_sequence_without_loops_reports_null():

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from sklearn.metrics import average_precision_score
@@ -103,6 +103,7 @@ def random_queries(draw):
     return QueryOutcomes(np.array(scores, dtype=float), np.array(values), np.array(positive))
 
 
+@settings(deadline=None)
 @given(random_queries())
 def test_average_precision_is_scikit_learns_over_all_loops(queries):
     counted = queries.outcomes != 0
@@ -113,6 +114,7 @@ def test_average_precision_is_scikit_learns_over_all_loops(queries):
     assert loop_metrics(queries).average_precision == pytest.approx(theirs)
 
 
+@settings(deadline=None)
 @given(random_queries(), st.integers(0, 2**31))
 def test_figures_do_not_depend_on_the_order_of_queries_or_the_scale_of_scores(queries, seed):
     order = np.random.default_rng(seed).permutation(len(queries))
@@ -129,6 +131,7 @@ def test_figures_do_not_depend_on_the_order_of_queries_or_the_scale_of_scores(qu
         assert getattr(ours, name) == pytest.approx(getattr(theirs, name), nan_ok=True)
 
 
+@settings(deadline=None)
 @given(random_queries())
 def test_sweep_equals_counting_at_every_threshold(queries):
     curve = precision_recall(queries)

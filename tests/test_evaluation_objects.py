@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthprint.datasets.base import ObjectSet, ObjectView
@@ -60,6 +60,7 @@ def by_chance(seed: int) -> PrecomputedDistanceMethod:
     return PrecomputedDistanceMethod(matrix, f"chance{seed}")
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(2, 7), min_size=1, max_size=5), st.integers(0, 1000))
 def test_every_object_is_tested_exactly_once(sizes, seed):
     views = views_of({f"c{k}": n for k, n in enumerate(sizes)})
@@ -115,10 +116,11 @@ def test_telling_depth_solves_both_protocols_and_chance_does_not():
     assert low < chance.category_accuracy_mean < high
     confusion = evaluation.confusion(depth)
     assert confusion.tolist() == (18 * np.eye(4, dtype=int)).tolist()
-    versus = {(d.first, d.second): d for d in evaluation.differences}
+    versus = {(d.first, d.second): d for d in evaluation.category_differences}
     assert not versus["depth", "chance0"].is_noise
     assert versus["chance0", "chance1"].is_noise
     assert other.name == "chance1"
+    assert len(evaluation.instance_differences) == 3
 
 
 def test_accuracy_is_averaged_by_category_not_by_view():

@@ -97,16 +97,25 @@ def evaluate_loops(
     Raises DataError for a truth of another length, a recogniser that is not empty, names a place it must not
     see yet, or returns a distance that is not finite.
     """
-    matrix = truth if isinstance(truth, TruthMatrix) else loop_ground_truth(sequence, truth)
-    if len(matrix) != len(sequence):
-        raise DataError(f"{sequence.name}: {len(sequence)} frames but a truth matrix of {len(matrix)}")
+    n = len(sequence)
+    rule = sequence.truth if truth is None else truth
+    # reprojecting views takes long enough to be part of the progress; distances do not
+    before = 2 * n if isinstance(rule, LoopTruth) and rule.kind == "overlap" else 0
+
+    def report_truth(done: int, total: int) -> None:
+        if progress is not None:
+            progress(done, before + n)
+
+    matrix = loop_ground_truth(sequence, rule, report_truth) if isinstance(rule, LoopTruth) else rule
+    if len(matrix) != n:
+        raise DataError(f"{sequence.name}: {n} frames but a truth matrix of {len(matrix)}")
     runs = [_Run(name, recognizer, matrix) for name, recognizer in recognizers.items()]
-    for frame in range(len(sequence)):
+    for frame in range(n):
         image = sequence[frame]
         for run in runs:
             run.step(frame, image)
         if progress is not None:
-            progress(frame + 1, len(sequence))
+            progress(before + frame + 1, before + n)
     return LoopEvaluation(
         data=sequence.name,
         simulated=sequence.simulated,

@@ -95,7 +95,8 @@ class ObjectEvaluation:
     objects: tuple[str, ...]
     n_instance_tests: int
     methods: tuple[MethodObjects, ...]
-    differences: tuple[PairedDifference, ...]
+    category_differences: tuple[PairedDifference, ...]
+    instance_differences: tuple[PairedDifference, ...]
 
     def confusion(self, method: MethodObjects) -> IndexArray:
         """(c, c) number of views by true (row) and predicted (column) category."""
@@ -228,11 +229,7 @@ def evaluate_objects(
                 },
             )
         )
-    differences = tuple(
-        paired_difference(a.name, b.name, a.object_accuracies, b.object_accuracies)
-        for k, a in enumerate(results)
-        for b in results[k + 1 :]
-    )
+    pairs = [(a, b) for k, a in enumerate(results) for b in results[k + 1 :]]
     return ObjectEvaluation(
         data=objects.name,
         simulated=objects.simulated,
@@ -243,7 +240,14 @@ def evaluate_objects(
         objects=names,
         n_instance_tests=len(test) if len(train) else 0,
         methods=tuple(results),
-        differences=differences,
+        category_differences=tuple(
+            paired_difference(a.name, b.name, a.object_accuracies, b.object_accuracies) for a, b in pairs
+        ),
+        instance_differences=tuple(
+            paired_difference(a.name, b.name, a.instance_accuracies, b.instance_accuracies)
+            for a, b in pairs
+            if np.isfinite(a.instance_accuracies).sum() > 1
+        ),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from depthprint.errors import DataError
 from depthprint.evaluation.loops import LOOP_PROTOCOL, LoopEvaluation, MethodLoops
+from depthprint.evaluation.metrics import LoopMetrics
 from depthprint.evaluation.objects import OBJECT_PROTOCOL, ObjectEvaluation
 from depthprint.evaluation.pairs import PAIR_PROTOCOL, PairEvaluation
 from depthprint.run_folder import versions
@@ -28,7 +29,7 @@ __all__ = [
 
 Report = dict[str, Any]
 
-_LOWER_IS_BETTER = ("ms", "us", "std")
+_LOWER_IS_BETTER = ("ms_per_query", "us_per_pair")
 _SHORT = {
     "recall_at_100_precision": "R@100P",
     "average_precision": "AP",
@@ -48,7 +49,7 @@ def loop_report(evaluation: LoopEvaluation, settings: Mapping[str, Any]) -> Repo
     methods = {}
     for method in evaluation.methods:
         methods[method.name] = {
-            **asdict(method.metrics),
+            **_figures(method.metrics),
             "ms_per_query": method.ms_per_query,
             "ms_describe": method.describe_ms,
             "ms_search": method.query_ms,
@@ -68,7 +69,7 @@ def pair_report(evaluation: PairEvaluation, settings: Mapping[str, Any]) -> Repo
     """Content of results.json for the pair-wise protocol."""
     positives = int(evaluation.positive.sum())
     counts = {"positive_pairs": positives, "negative_pairs": len(evaluation.pairs) - positives}
-    methods = {m.name: {**asdict(m.metrics), "us_per_pair": m.us_per_pair} for m in evaluation.methods}
+    methods = {m.name: {**_figures(m.metrics), "us_per_pair": m.us_per_pair} for m in evaluation.methods}
     for figures in methods.values():
         # every pair has its own outcome here: best matches, and so recall@1, do not exist
         del figures["recall_at_1"]
@@ -97,7 +98,11 @@ def object_report(evaluation: ObjectEvaluation, settings: Mapping[str, Any]) -> 
     }
     settings = {**settings, "frames": evaluation.frames}
     report = _report(OBJECT_PROTOCOL, evaluation, counts, settings, methods, "folder names of the objects")
-    report["category_differences"] = [{**asdict(d), "is_noise": d.is_noise} for d in evaluation.differences]
+    for name, differences in (
+        ("category_differences", evaluation.category_differences),
+        ("instance_differences", evaluation.instance_differences),
+    ):
+        report[name] = [{**asdict(d), "is_noise": d.is_noise} for d in differences]
     return report
 
 
@@ -182,6 +187,13 @@ def _report(
     }
 
 
+def _figures(metrics: LoopMetrics) -> dict[str, float]:
+    figures = asdict(metrics)
+    # scores are negated distances; users set thresholds on distances
+    figures["distance_at_100_precision"] = -figures.pop("threshold_at_100_precision")
+    return figures
+
+
 def _methods(report: Report) -> Mapping[str, Mapping[str, Any]]:
     methods: Mapping[str, Mapping[str, Any]] = report.get("methods", {})
     if not methods:
@@ -191,9 +203,9 @@ def _methods(report: Report) -> Mapping[str, Mapping[str, Any]]:
 
 def _best(metric: str, values: Sequence[float | None]) -> float | None:
     known = [v for v in values if v is not None and math.isfinite(v)]
-    if len(known) < 2:
+    if len(known) < 2 or metric == "category_accuracy_std":
         return None
-    return min(known) if any(part in _LOWER_IS_BETTER for part in metric.split("_")) else max(known)
+    return min(known) if metric in _LOWER_IS_BETTER else max(known)
 
 
 def _cell(
@@ -201,7 +213,7 @@ def _cell(
 ) -> str:
     if value is None or not math.isfinite(value):
         return "-"
-    text = f"{value:.2f}" if metric in ("ms_per_query", "us_per_pair") else f"{value:.3f}"
+    text = f"{value:.2f}" if metric in _LOWER_IS_BETTER else f"{value:.3f}"
     if best is not None and value == best:
         text = f"[bold]{text}[/bold]"
     if interval is not None and all(end is not None and math.isfinite(end) for end in interval):

@@ -63,8 +63,8 @@ def draw_flow(
     """Draw the flow (k, l) as arrows from the clusters of the first image to those of the second.
 
     The wider an arrow the more it moves; with ``costs`` (k, l) its colour is the ground distance. The area
-    of a disc is its cluster's weight; what no arrow takes or brings is with the null element and is the disc's
-    empty part. Moves under half a percent of the largest are left out. Returns the path written.
+    of a disc is its cluster's weight; what no arrow takes or brings is with the null element and is the empty
+    part of the disc. Moves under half a percent of the largest are left out. Returns the path written.
     Raises DataError for flows of another shape, negative, or above the weights.
     """
     flow = _checked_flow(first, second, flow, costs)
