@@ -165,6 +165,14 @@ def test_blocks_widen_the_interval_of_queries_that_come_in_runs():
     assert width(50) > 3 * width(1)
 
 
+def test_every_block_of_full_length_gives_the_figure_itself():
+    # blocks as long as the sequence only rotate it, and order does not count
+    queries = outcomes([(0.9, 1, True), (0.8, -1, True), (0.8, 1, True), (NAN, 0, True), (0.2, 0, False)])
+    metrics = loop_metrics(queries)
+    for name, (low, high) in bootstrap_intervals(queries, 0, resamples=20, block=5).items():
+        assert low == high == pytest.approx(getattr(metrics, name))
+
+
 def test_intervals_are_unknown_without_loops():
     low, high = bootstrap_intervals(outcomes([(1.0, -1, False)]), 0, resamples=5)["f1_max"]
     assert np.isnan([low, high]).all()
@@ -177,6 +185,7 @@ def test_intervals_are_unknown_without_loops():
         ([np.inf], [1], [True]),
         ([1.0], [2], [True]),
         ([1.0], [1], [False]),
+        ([NAN], [-1], [False]),
     ],
 )
 def test_impossible_outcomes_are_refused(scores, values, positive):

@@ -58,6 +58,8 @@ class QueryOutcomes:
             )
         if not np.isin(outcomes, (-1, 0, 1)).all():
             raise DataError("QueryOutcomes: expected the outcomes 1, 0 and -1 only")
+        if (outcomes[np.isnan(scores)] != 0).any():
+            raise DataError("QueryOutcomes: expected the outcome 0 of queries without a match (score NaN)")
         impossible = (outcomes == 1) & ~has_positive
         if impossible.any():
             raise DataError(
@@ -118,20 +120,17 @@ class LoopMetrics:
 
 def precision_recall(queries: QueryOutcomes) -> PrecisionRecall:
     """Sweep the threshold over the distinct scores, from the surest down."""
-    detected = ~np.isnan(queries.scores)
-    scores, outcomes = queries.scores[detected], queries.outcomes[detected]
-    order = np.argsort(-scores, kind="stable")
-    scores, outcomes = scores[order], outcomes[order]
-    last_of_tie = (
-        np.flatnonzero(np.append(scores[1:] != scores[:-1], True)) if len(scores) else np.empty(0, np.intp)
-    )
+    order, last_of_tie = _sorted_ties(queries.scores)
+    outcomes = queries.outcomes[order]
     true_positives = np.cumsum(outcomes == 1)[last_of_tie].astype(np.int64)
     false_positives = np.cumsum(outcomes == -1)[last_of_tie].astype(np.int64)
     counted = true_positives + false_positives
     to_find = int(queries.has_positive.sum())
     precision = np.divide(true_positives, counted, out=np.full(len(counted), np.nan), where=counted > 0)
     recall = true_positives / to_find if to_find else np.full(len(counted), np.nan)
-    return PrecisionRecall(scores[last_of_tie], precision, recall, true_positives, false_positives)
+    return PrecisionRecall(
+        queries.scores[order][last_of_tie], precision, recall, true_positives, false_positives
+    )
 
 
 def loop_metrics(queries: QueryOutcomes) -> LoopMetrics:
@@ -141,25 +140,12 @@ def loop_metrics(queries: QueryOutcomes) -> LoopMetrics:
     can be found. Extended precision: Ferrarini et al., "Exploring Performance Bounds of Visual Place
     Recognition Using Extended Precision", RA-L 2020.
     """
-    if not queries.has_positive.any():
-        return LoopMetrics(*[float("nan")] * 6)
     curve = precision_recall(queries)
-    found = curve.true_positives > 0
-    if not found.any():
-        return LoopMetrics(0.0, 0.0, 0.0, 0.0, 0.0, float("nan"))
-    precision, recall = curve.precision[found], curve.recall[found]
-    clean = curve.false_positives[found] == 0
-    recall_at_100 = float(recall[clean].max(initial=0.0))
-    return LoopMetrics(
-        recall_at_100_precision=recall_at_100,
-        average_precision=float(np.sum(precision * np.diff(recall, prepend=0.0))),
-        f1_max=float(np.max(2 * precision * recall / (precision + recall))),
-        extended_precision=float((precision[0] + recall_at_100) / 2),
-        recall_at_1=float((queries.outcomes == 1).sum() / queries.has_positive.sum()),
-        threshold_at_100_precision=float(curve.thresholds[found][clean].min())
-        if clean.any()
-        else float("nan"),
-    )
+    to_find = int(queries.has_positive.sum())
+    recall_at_100, ap, f1, ep, recall_at_1 = _figures(curve.true_positives, curve.false_positives, to_find)
+    clean = (curve.true_positives > 0) & (curve.false_positives == 0)
+    threshold = float(curve.thresholds[clean].min()) if clean.any() else float("nan")
+    return LoopMetrics(recall_at_100, ap, f1, ep, recall_at_1, threshold)
 
 
 def bootstrap_intervals(
@@ -182,21 +168,63 @@ def bootstrap_intervals(
             f"{resamples}, {block}, {level}"
         )
     n = len(queries)
-    names = [name for name in LoopMetrics.__dataclass_fields__ if name != "threshold_at_100_precision"]
+    names = [
+        "recall_at_100_precision",
+        "average_precision",
+        "f1_max",
+        "extended_precision",
+        "recall_at_1",
+    ]
     nowhere = (float("nan"), float("nan"))
     if n == 0 or not queries.has_positive.any():
         return dict.fromkeys(names, nowhere)
     block = min(block, n)
     generator = np.random.default_rng(seed)
+    order, last_of_tie = _sorted_ties(queries.scores)
+    hit, wrong = queries.outcomes[order] == 1, queries.outcomes[order] == -1
     draws = []
     for _ in range(resamples):
         starts = generator.integers(0, n, size=-(-n // block))
-        index = (starts[:, None] + np.arange(block)).ravel()[:n] % n
-        if queries.has_positive[index].any():
-            drawn = loop_metrics(queries.take(index))
-            draws.append([getattr(drawn, name) for name in names])
+        times_drawn = np.bincount((starts[:, None] + np.arange(block)).ravel()[:n] % n, minlength=n)
+        to_find = int(times_drawn[queries.has_positive].sum())
+        if to_find:
+            in_order = times_drawn[order]
+            true_positives = np.cumsum(in_order * hit)[last_of_tie]
+            false_positives = np.cumsum(in_order * wrong)[last_of_tie]
+            draws.append(_figures(true_positives, false_positives, to_find))
     if len(draws) <= resamples / 2:
         return dict.fromkeys(names, nowhere)
     tail = 50 * (1 - level)
     low, high = np.percentile(np.array(draws), [tail, 100 - tail], axis=0)
     return {name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)}
+
+
+def _sorted_ties(scores: FloatArray) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Order of the detected queries, surest first, and where in it each run of equal scores ends."""
+    detected = np.flatnonzero(~np.isnan(scores))
+    order = detected[np.argsort(-scores[detected], kind="stable")]
+    ends = np.append(np.diff(scores[order]) != 0, True) if len(order) else np.empty(0, dtype=bool)
+    return order, np.flatnonzero(ends)
+
+
+def _figures(
+    true_positives: npt.NDArray[np.int64], false_positives: npt.NDArray[np.int64], to_find: int
+) -> tuple[float, float, float, float, float]:
+    """Return R@100P, AP, F1max, EP and recall@1 from counts at falling thresholds."""
+    if not to_find:
+        return (float("nan"),) * 5
+    found = true_positives > 0
+    if not found.any():
+        return (0.0,) * 5
+    true_positives, false_positives = true_positives[found], false_positives[found]
+    precision, recall = true_positives / (true_positives + false_positives), true_positives / to_find
+    recall_at_100 = float(recall[false_positives == 0].max(initial=0.0))
+    average_precision = float(np.sum(precision * np.diff(recall, prepend=0.0)))
+    f1_max = float(np.max(2 * precision * recall / (precision + recall)))
+    return (
+        recall_at_100,
+        average_precision,
+        f1_max,
+        float(precision[0] + recall_at_100) / 2,
+        float(recall[-1]),
+    )

@@ -74,7 +74,7 @@ def draw_path(
     with drawing(path, 7.5, height_in) as figure:
         axes = figure.add_subplot()
         axes.plot(*positions_m.T, color="0.75", lw=1.5, zorder=1)
-        axes.plot(*positions_m[0], "s", ms=8, color="black", zorder=6, label="start")
+        axes.plot(*positions_m[0], "s", ms=6, color="black", zorder=6, label="start")
         _mark(axes, positions_m, loops.missed, _MISSED, "missed", zorder=3)
         _mark(axes, positions_m, loops.unjudged[:, 0], _UNJUDGED, "detected, not judged", zorder=2)
         _mark(axes, positions_m, loops.true[:, 0], _TRUE, "true", zorder=4)
@@ -88,7 +88,7 @@ def draw_path(
         axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
         axes.grid(color="0.93")
         axes.set_axisbelow(True)
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=10)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=10, markerscale=1.6)
         axes.set_title(titled(f"Travelled path and loops{', ' + method if method else ''}", data, simulated))
     return Path(path)
 
