@@ -118,7 +118,7 @@ def test_an_image_survives_the_way_through_its_points(projection: Projection, se
 def slow_z_buffer(points: np.ndarray, projection: Projection) -> np.ndarray:
     u, v, r = projection.project(points)
     out = np.full((projection.height, projection.width), np.inf)
-    keep = np.isfinite(u) & np.isfinite(v) & (r > 0)
+    keep = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & (r > 0)
     columns, rows = np.floor(u[keep] + 0.5).astype(int), np.floor(v[keep] + 0.5).astype(int)
     inside = (columns >= 0) & (columns < projection.width) & (rows >= 0) & (rows < projection.height)
     np.minimum.at(out, (rows[inside], columns[inside]), r[keep][inside])
@@ -131,6 +131,7 @@ def test_each_pixel_keeps_its_nearest_return(projection: Projection) -> None:
     points = rng.normal(0, 4, (5000, 3)) * [1, 1, 0.02 if projection is ROW else 1]
     points[::50] = np.nan
     points[::77] = 0.0
+    points[::91] = np.inf
     image = RangeImage.from_points(points, projection, source="cloud")
     expected = slow_z_buffer(points, projection)
     assert np.isfinite(expected).any()

@@ -91,8 +91,9 @@ class Pinhole(_Rays):
         Points may fall outside the image; u and v are NaN for points that are not in front of the camera.
         """
         x, y, z = _split(points, "Pinhole.project")
-        depth = np.where(z > 0, z, np.nan)
-        return self.fx * (x / depth) + self.cx, self.fy * (y / depth) + self.cy, z
+        depth = np.where((z > 0) & np.isfinite(x) & np.isfinite(y) & np.isfinite(z), z, np.nan)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.fx * (x / depth) + self.cx, self.fy * (y / depth) + self.cy, z
 
     def resized(self, width: int, height: int) -> Pinhole:
         """The same view sampled by another number of pixels."""

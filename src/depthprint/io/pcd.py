@@ -21,6 +21,7 @@ __all__ = ["read_pcd", "write_pcd"]
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 _FORMS = ("ascii", "binary", "binary_compressed")
 _LARGEST_POINT_COUNT = 2**31
+_LZF_LARGEST_RATIO = 88  # three bytes stand for 264 at most
 _IDENTITY_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]
 
 
@@ -181,7 +182,7 @@ def _compressed_columns(path: Path, header: _Header, data: bytes) -> list[npt.ND
     if len(data) < 8:
         raise DataError(f"{path}: expected compressed points, got a truncated file")
     compressed, size = struct.unpack_from("<II", data)
-    if size != needed or len(data) < 8 + compressed:
+    if size != needed or len(data) < 8 + compressed or size > _LZF_LARGEST_RATIO * compressed:
         raise DataError(
             f"{path}: expected {needed} bytes of points from {compressed} compressed ones, "
             f"got {size} from {len(data) - 8}"
