@@ -84,10 +84,11 @@ def parametric_dictionary(
     atoms[0] = 1 / np.sqrt(height * width)
     found = 1
     offset = np.random.default_rng(seed).random(5)
+    steps = _recurrence_steps(5)
     for i in range(_TRIES_PER_ATOM * n_atoms):
         if found == n_atoms:
             break
-        atom = _sample(MOTHERS[mother], shape, (offset + (i + 1) * _STEPS) % 1)
+        atom = _sample(MOTHERS[mother], shape, (offset + (i + 1) * steps) % 1)
         if atom is not None and np.abs(atoms[:found] @ atom).max() <= largest_correlation:
             atoms[found] = atom
             found += 1
@@ -107,7 +108,7 @@ def _recurrence_steps(dimensions: int) -> FloatArray:
     return np.asarray(phi ** -np.arange(1.0, dimensions + 1))
 
 
-_STEPS = _recurrence_steps(5)
+
 
 
 def _sample(mother: Mother, shape: tuple[int, int], place: FloatArray) -> FloatArray | None:

@@ -11,7 +11,8 @@ __all__ = ["lasso_block", "update_atoms_block"]
 
 Array = Any
 
-_SWEEPS_PER_JUMP = 6
+_SWEEPS = 8
+_DEPENDENT = 1e-10
 
 
 @njit(cache=True, nogil=True)
@@ -55,40 +56,59 @@ def _sweep(gradient: Array, gram: Array, code: Array, penalty: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _jump(gradient: Array, gram: Array, code: Array, penalty: float, support: Array, factor: Array, step: Array) -> None:
-    """Solve on the support with its signs held, and go there or to the first change of sign on the way."""
+def _support_of(code: Array, support: Array) -> int:
     n = 0
     for j in range(code.size):
         if code[j] != 0.0:
             support[n] = j
             n += 1
-    for a in range(n):
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int, column: Array) -> bool:
+    """Cholesky factor U (U'U = G on the support) from column ``done`` on; false where an atom depends on those before."""
+    for a in range(done, n):
+        row = gram[support[a]]
         for b in range(a + 1):
-            value = gram[support[a], support[b]]
-            for k in range(b):
-                value -= factor[a, k] * factor[b, k]
-            if a == b:
-                if value <= 1e-10:
-                    return
-                factor[a, a] = np.sqrt(value)
-            else:
-                factor[a, b] = value / factor[b, b]
+            column[b] = row[support[b]]
+        for b in range(a):
+            value = column[b] / factor[b, b]
+            factor[b, a] = value
+            for k in range(b + 1, a):
+                column[k] -= value * factor[b, k]
+            column[a] -= value * value
+        if not column[a] > _DEPENDENT:
+            return False
+        factor[a, a] = np.sqrt(column[a])
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _jump(
+    gradient: Array, gram: Array, code: Array, penalty: float, support: Array, factor: Array, n: int, step: Array
+) -> int:
+    """Solve on the support with its signs held, and go there, or to the first change of sign on the way.
+
+    Returns the place in ``support`` of the atom that came to zero, or -1.
+    """
     for a in range(n):
         j = support[a]
-        value = gradient[j] - penalty * np.sign(code[j])
-        for k in range(a):
-            value -= factor[a, k] * step[k]
-        step[a] = value / factor[a, a]
+        step[a] = gradient[j] - penalty * np.sign(code[j])
+    for a in range(n):
+        step[a] /= factor[a, a]
+        for k in range(a + 1, n):
+            step[k] -= step[a] * factor[a, k]
     for a in range(n - 1, -1, -1):
         value = step[a]
         for k in range(a + 1, n):
-            value -= factor[k, a] * step[k]
+            value -= factor[a, k] * step[k]
         step[a] = value / factor[a, a]
     length = 1.0
     crossing = -1
     for a in range(n):
         here = code[support[a]]
-        if (here + step[a]) * here < 0.0 and -here / step[a] < length:
+        if (here + step[a]) * here <= 0.0 and -here / step[a] <= length:
             length = -here / step[a]
             crossing = a
     for a in range(n):
@@ -96,6 +116,19 @@ def _jump(gradient: Array, gram: Array, code: Array, penalty: float, support: Ar
         new = 0.0 if a == crossing else code[j] + length * step[a]
         _move(gradient, gram[j], new - code[j])
         code[j] = new
+    return crossing
+
+
+@njit(cache=True, nogil=True)
+def _most_wanted(gradient: Array, code: Array) -> int:
+    """The unused atom with the largest correlation with the residual, or -1."""
+    best = -1
+    top = 0.0
+    for j in range(code.size):
+        if code[j] == 0.0 and abs(gradient[j]) > top:
+            top = abs(gradient[j])
+            best = j
+    return best
 
 
 @njit(cache=True, nogil=True)
@@ -104,8 +137,10 @@ def lasso_block(
 ) -> int:
     """Minimise 1/2 a'Ga - c'a + penalty |a|_1 for each row c; ``codes`` holds the start and takes the solution.
 
-    Coordinate descent finds the support, a linear solve finishes it. A row is done when it meets the optimality
-    conditions to ``tolerance * penalty``. Returns the number of rows that did not within ``max_rounds``.
+    Feature-sign search (Lee, Battle, Raina and Ng 2006): take in the atom that violates the optimality conditions
+    most, solve on the support exactly, drop atoms that change sign. Where the support is dependent, sweeps of
+    coordinate descent stand in. A row is done when it meets the conditions to ``tolerance * penalty``. Returns the
+    number of rows that did not within ``max_rounds``.
     """
     m, n_atoms = correlations.shape
     gradient = np.empty(n_atoms)
@@ -119,19 +154,38 @@ def lasso_block(
         for j in range(n_atoms):
             if code[j] != 0.0:
                 _move(gradient, gram[j], code[j])
+        n = _support_of(code, support)
+        factored = 0
         done = False
         for _ in range(max_rounds):
-            for _ in range(_SWEEPS_PER_JUMP):
-                _sweep(gradient, gram, code, penalty)
-                done = _violation(gradient, code, penalty) <= tolerance * penalty
-                if done:
-                    break
-            if done:
-                break
-            _jump(gradient, gram, code, penalty, support, factor, step)
             done = _violation(gradient, code, penalty) <= tolerance * penalty
             if done:
                 break
+            wanted = _most_wanted(gradient, code)
+            if wanted >= 0 and abs(gradient[wanted]) > penalty:
+                excess = abs(gradient[wanted]) - penalty
+                code[wanted] = np.sign(gradient[wanted]) * excess / gram[wanted, wanted]
+                _move(gradient, gram[wanted], code[wanted])
+                support[n] = wanted
+                n += 1
+            independent = True
+            while n > 0:
+                independent = _extend_factor(gram, support, factor, factored, n, step)
+                if not independent:
+                    break
+                factored = n
+                crossing = _jump(gradient, gram, code, penalty, support, factor, n, step)
+                if crossing < 0:
+                    break
+                for a in range(crossing, n - 1):
+                    support[a] = support[a + 1]
+                n -= 1
+                factored = crossing
+            if not independent:
+                for _ in range(_SWEEPS):
+                    _sweep(gradient, gram, code, penalty)
+                n = _support_of(code, support)
+                factored = 0
         if not done:
             failed += 1
     return failed
