@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
 import zlib
@@ -25,6 +26,21 @@ FloatArray = npt.NDArray[np.float64]
 _FORMAT = "depthprint dictionary"
 _VERSION = 1
 _UNIT_TOLERANCE = 1e-6
+
+# What zipfile, zlib, json and numpy raise on a damaged file; RuntimeError covers NotImplementedError.
+_UNREADABLE = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    RuntimeError,
+    SyntaxError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +84,12 @@ class Dictionary:
 
     @property
     def n_atoms(self) -> int:
-        """K."""
+        """Number of atoms, K."""
         return self.atoms.shape[0]
 
     @property
     def dimension(self) -> int:
-        """d."""
+        """Length of an atom, d."""
         return self.atoms.shape[1]
 
     @cached_property
@@ -129,26 +145,33 @@ class Dictionary:
     def load(cls, path: Path | str) -> Dictionary:
         """Read a dictionary that ``save`` wrote.
 
-        Raises ModelError, naming the file, when it is missing, damaged, of another kind or of another version.
+        Raises ModelError, naming the file, when it is missing, damaged, of another kind or of another
+        version.
         """
-        unreadable = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error)
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            # Read whole first: numpy leaves a damaged file open.
+            content = io.BytesIO(Path(path).read_bytes())
+            with np.load(content, allow_pickle=False) as archive:
                 header = json.loads(str(archive["header"]))
-                version = (header["format"], header["version"])
-        except unreadable as error:
-            raise ModelError(f"{path}: expected a dictionary file, got {error or type(error).__name__}") from error
-        if version != (_FORMAT, _VERSION):
-            raise ModelError(f"{path}: expected {_FORMAT!r} version {_VERSION}, got {version[0]!r} version {version[1]}")
+                found = (header["format"], header["version"])
+        except _UNREADABLE as error:
+            reason = str(error) or type(error).__name__
+            raise ModelError(f"{path}: expected a dictionary file, got {reason}") from error
+        if found != (_FORMAT, _VERSION):
+            raise ModelError(
+                f"{path}: expected {_FORMAT!r} version {_VERSION}, got {found[0]!r} version {found[1]}"
+            )
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            content.seek(0)
+            with np.load(content, allow_pickle=False) as archive:
                 fingerprint = str(archive["fingerprint"])
                 loaded = cls(archive["atoms"], header["kind"], header["settings"], header["seed"])
-        except unreadable as error:
+        except _UNREADABLE as error:
             raise ModelError(f"{path}: expected a whole dictionary file, got {error}") from error
         if loaded.fingerprint != fingerprint:
             raise ModelError(
-                f"{path}: expected atoms of fingerprint {fingerprint}, got {loaded.fingerprint}; the file was altered"
+                f"{path}: expected atoms of fingerprint {fingerprint}, got {loaded.fingerprint}; "
+                "the file was altered"
             )
         return loaded
 

@@ -1,4 +1,4 @@
-"""Dictionaries learned from signals: the online algorithm of Mairal et al. (paper eq. 1-2), and random patches."""
+"""Dictionaries from signals: learned online after Mairal et al. (paper eq. 1-2), or drawn at random."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PENALTIES = ("l1", "omp")
 _FORGETTING = 2.0  # power of the past's fading: batches coded by poor early atoms should not count for long
 _UPDATE_ROWS = 32  # atoms updated between two matrix products
 _LASSO_ROUNDS = 2000
-_TRAINING_TOLERANCE = 1e-3
+_TRAINING_TOLERANCE = 1e-6
 _OBJECTIVE_TOLERANCE = 1e-7
 
 
@@ -40,29 +40,36 @@ def learn_dictionary(
 ) -> Dictionary:
     """Learn unit atoms D that represent signals sparsely, online, a mini-batch at a time.
 
-    Minimises (1/n) sum_i min_a 1/2 ||x_i - D a||^2 + lambda ||a||_1 over D (eq. 1-2). Each batch is coded by the
-    current atoms; its statistics A = sum a a', B = sum a x' are added to those of the past, which fade as they
-    age; one round of block-coordinate descent on 1/2 tr(A D D') - tr(B D') moves the atoms. Atoms that nothing
-    uses are replaced by signals that the dictionary represents badly.
+    Minimises (1/n) sum_i min_a 1/2 ||x_i - D a||^2 + lambda ||a||_1 over D (eq. 1-2). Each batch is coded by
+    the current atoms; its statistics A = sum a a', B = sum a x' are added to those of the past, which fade as
+    they age; one round of block-coordinate descent on 1/2 tr(A D D') - tr(B D') moves the atoms. Atoms that
+    nothing uses are replaced by signals that the dictionary represents badly.
 
     signals: (n, d) float; they are used as they are, neither centred nor scaled.
-    penalty: ``l1`` codes a batch by the lasso; ``omp`` by OMP with ``n_nonzero`` atoms a signal, and the same update.
-    lambda_: weight of the L1 norm, in units of the signals. None: 1.2 / sqrt(d) times their root mean square norm,
-        so that scaling the signals does not change the atoms.
+    penalty: ``l1`` codes a batch by the lasso; ``omp`` by OMP with ``n_nonzero`` atoms a signal, and the same
+        update.
+    lambda_: weight of the L1 norm, in units of the signals. None: 1.2 / sqrt(d) times their root mean square
+        norm, so that scaling the signals does not change the atoms.
     n_passes: how often each signal is seen; each pass in a new seeded order.
     progress: called with (signals seen, signals to see).
 
     The same seed gives the same bits on any number of threads.
 
-    Raises DataError for signals of a wrong shape or not finite, or with fewer distinct directions than ``n_atoms``;
-    SettingsError for settings that cannot be.
+    Raises DataError for signals of a wrong shape or not finite, or with fewer distinct directions than
+    ``n_atoms``; SettingsError for settings that cannot be.
 
-    Source: paper eq. 1-2; Mairal, Bach, Ponce and Sapiro, Online Learning for Matrix Factorization and Sparse Coding,
-    JMLR 2010, algorithms 1 and 2 with its mini-batches, rescaled past and removal of unused atoms. ``omp``: the same
-    with the codes of Rubinstein, Zibulevsky and Elad 2008, close to online MOD.
+    Source: paper eq. 1-2; Mairal, Bach, Ponce and Sapiro, Online Learning for Matrix Factorization and Sparse
+        Coding,
+    JMLR 2010, algorithms 1 and 2 with its mini-batches, rescaled past and removal of unused atoms. ``omp``:
+    the same with the codes of Rubinstein, Zibulevsky and Elad 2008, close to online MOD.
     """
     x = _checked_signals(signals)
-    for name, value in (("n_atoms", n_atoms), ("n_nonzero", n_nonzero), ("batch_size", batch_size), ("n_passes", n_passes)):
+    for name, value in (
+        ("n_atoms", n_atoms),
+        ("n_nonzero", n_nonzero),
+        ("batch_size", batch_size),
+        ("n_passes", n_passes),
+    ):
         if value < 1:
             raise SettingsError(f"{name}: expected at least 1, got {value}")
     if penalty not in PENALTIES:
@@ -97,7 +104,8 @@ def learn_dictionary(
 def random_patches_dictionary(signals: npt.ArrayLike, n_atoms: int = 256, *, seed: int = 0) -> Dictionary:
     """Take signals themselves, scaled to norm 1, as atoms: what learning is to be compared with.
 
-    signals: (n, d) float. No two atoms are the same up to sign. Raises DataError as ``learn_dictionary`` does.
+    signals: (n, d) float. No two atoms are the same up to sign. Raises DataError as ``learn_dictionary``
+        does.
     """
     x = _checked_signals(signals)
     if n_atoms < 1:
@@ -115,7 +123,9 @@ def l1_objective(signals: npt.ArrayLike, atoms: Dictionary | npt.ArrayLike, lamb
     x = _checked_signals(signals)
     dictionary = Dictionary.of(atoms)
     if x.shape[1] != dictionary.dimension:
-        raise DataError(f"signals: expected shape (n, {dictionary.dimension}) to fit the atoms, got {x.shape}")
+        raise DataError(
+            f"signals: expected shape (n, {dictionary.dimension}) to fit the atoms, got {x.shape}"
+        )
     _checked_scale(x)
     weight = _checked_lambda(lambda_)
     total = 0.0
@@ -127,7 +137,7 @@ def l1_objective(signals: npt.ArrayLike, atoms: Dictionary | npt.ArrayLike, lamb
 
 
 class _Past:
-    """Statistics of the batches so far: usage A (K, K) and target B (K, d), both means a signal that fade with age."""
+    """Statistics of the batches so far: usage A (K, K) and target B (K, d), means that fade with age."""
 
     def __init__(self, usage: FloatArray, target: FloatArray) -> None:
         self.usage = usage
@@ -199,14 +209,17 @@ def _lasso_codes(signals: FloatArray, atoms: FloatArray, weight: float, toleranc
         failed = lasso_block(correlations, gram, weight, tolerance, _LASSO_ROUNDS, codes[start:stop])
         if failed:
             raise ConvergenceError(
-                f"lasso: {failed} of {stop - start} signals did not meet the optimality conditions to {tolerance:g}"
+                f"lasso: {failed} of {stop - start} signals did not meet the optimality conditions "
+                f"to {tolerance:g}"
             )
 
     for_blocks(len(signals), 64, code_block)
     return codes
 
 
-def _distinct_directions(x: npt.NDArray[Any], n_atoms: int, rng: np.random.Generator, scale: float) -> FloatArray:
+def _distinct_directions(
+    x: npt.NDArray[Any], n_atoms: int, rng: np.random.Generator, scale: float
+) -> FloatArray:
     """Signals drawn without replacement and scaled to norm 1, none twice up to sign, none near zero."""
     atoms = np.empty((n_atoms, x.shape[1]))
     seen: set[bytes] = set()
@@ -239,7 +252,9 @@ def _checked_signals(signals: npt.ArrayLike) -> npt.NDArray[Any]:
     for start in range(0, len(x), 4096):
         finite = np.isfinite(x[start : start + 4096]).all(axis=1)
         if not finite.all():
-            raise DataError(f"signals: expected finite values, row {start + int(np.argmin(finite))} holds NaN or infinity")
+            raise DataError(
+                f"signals: expected finite values, row {start + int(np.argmin(finite))} holds NaN or infinity"
+            )
     return x
 
 

@@ -16,7 +16,7 @@ __all__ = ["MOTHERS", "parametric_dictionary"]
 FloatArray = npt.NDArray[np.float64]
 Mother = Callable[[FloatArray, FloatArray], FloatArray]
 
-_TRIES_PER_ATOM = 200
+_TRIES_PER_ATOM = 50
 
 
 def _gaussian(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -59,17 +59,18 @@ def parametric_dictionary(
 ) -> Dictionary:
     """Sample a mother function under translation, rotation and non-uniform scaling as unit atoms.
 
-    shape: (height, width) in pixels; atoms are images of it in row order, d = height * width. The first atom is
-        constant, for the mean. The others have their centre anywhere in the image, any angle, and two scales
-        from 0.6 px to half the longer side, spread evenly in their logarithm.
+    shape: (height, width) in pixels; atoms are images of it in row order, d = height * width. The first atom
+        is constant, for the mean. The others have their centre anywhere in the image, any angle, and two
+        scales from 0.6 px to half the longer side, spread evenly in their logarithm.
     mother: ``gaussian``, ``edge``, ``anisotropic_refinement`` or ``gabor``.
     seed: offset of the low-discrepancy sequence that runs through the five parameters.
     largest_correlation: no two atoms have an inner product beyond this in size.
 
-    Raises SettingsError for an unknown mother, an impossible size, or when the image is too small for that many
-    different atoms.
+    Raises SettingsError for an unknown mother, an impossible size, or when the image is too small for that
+    many different atoms.
 
-    Source: paper section 2.1 and Fig. 1; Figueras i Ventura, Vandergheynst and Frossard 2006 for the anisotropic
+    Source: paper section 2.1 and Fig. 1; Figueras i Ventura, Vandergheynst and Frossard 2006 for the
+        anisotropic
     refinement atoms; the sequence is the additive recurrence of Roberts 2018.
     """
     height, width = shape
@@ -78,7 +79,9 @@ def parametric_dictionary(
     if mother not in MOTHERS:
         raise SettingsError(f"mother: expected one of {', '.join(MOTHERS)}, got {mother!r}")
     if not 0 < largest_correlation < 1:
-        raise SettingsError(f"largest_correlation: expected a number between 0 and 1, got {largest_correlation!r}")
+        raise SettingsError(
+            f"largest_correlation: expected a number between 0 and 1, got {largest_correlation!r}"
+        )
 
     atoms = np.empty((n_atoms, height * width))
     atoms[0] = 1 / np.sqrt(height * width)
@@ -94,7 +97,8 @@ def parametric_dictionary(
             found += 1
     if found < n_atoms:
         raise SettingsError(
-            f"n_atoms: found only {found} different {mother} atoms on {height} x {width} pixels, expected {n_atoms}"
+            f"n_atoms: found only {found} different {mother} atoms on {height} x {width} pixels, "
+            f"expected {n_atoms}"
         )
     settings = {"shape": [height, width], "mother": mother, "largest_correlation": largest_correlation}
     return Dictionary(atoms, "parametric", settings, seed)
@@ -108,11 +112,8 @@ def _recurrence_steps(dimensions: int) -> FloatArray:
     return np.asarray(phi ** -np.arange(1.0, dimensions + 1))
 
 
-
-
-
 def _sample(mother: Mother, shape: tuple[int, int], place: FloatArray) -> FloatArray | None:
-    """One unit atom for a point of the unit cube (row, column, angle, two scales), or None where nothing is left."""
+    """One unit atom for a point of the unit cube (row, column, angle, two scales); None if nothing is left."""
     height, width = shape
     y, x = np.mgrid[0:height, 0:width]
     dy = y - (place[0] * height - 0.5)

@@ -1,4 +1,4 @@
-"""Sparse models of signals over a dictionary: OMP (paper eq. 3-7), its OLS variant and plain matching pursuit."""
+"""Sparse models over a dictionary: OMP (paper eq. 3-7), its OLS variant and plain matching pursuit."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ _DEPENDENT = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-12}
 class SparseModel:
     """Sparse models of n signals in compressed rows; all arrays are read-only.
 
-    Row i is ``indices[indptr[i]:indptr[i + 1]]``: numbers of atoms in the order of picking, no number twice, with
-    their ``coefficients``; ``residual_norms[i]`` is the norm of what the model leaves unexplained.
+    Row i is ``indices[indptr[i]:indptr[i + 1]]``: numbers of atoms in the order of picking, no number twice,
+    with their ``coefficients``; ``residual_norms[i]`` is the norm of what the model leaves unexplained.
 
-    indptr: (n + 1,) int64. indices: (nnz,) int32. coefficients: (nnz,) and residual_norms: (n,) float32 or float64.
+    indptr: (n + 1,) int64. indices: (nnz,) int32. coefficients: (nnz,) and residual_norms: (n,) float32 or
+        float64.
     n_atoms: size of the dictionary.
     """
 
@@ -98,22 +99,24 @@ def sparse_code(
     """Approximate each signal by few atoms, picked one after another.
 
     signals: (n, d) float32 or float64. dictionary: a Dictionary or (K, d) unit rows.
-    algorithm: ``omp`` picks the atom with the largest |<R, g>| and projects on the span of all picked; ``ols`` picks
-        the atom that lessens the residual most, then projects; ``mp`` picks as OMP does and subtracts, without
-        projecting, so an atom may be picked again and adds to its coefficient.
+    algorithm: ``omp`` picks the atom with the largest |<R, g>| and projects on the span of all picked;
+        ``ols`` picks the atom that lessens the residual most, then projects; ``mp`` picks as OMP does and
+        subtracts, without projecting, so an atom may be picked again and adds to its coefficient.
     n_nonzero: most atoms of a model (of ``mp``: most steps). None: no limit but that of the dimension.
-    residual_tolerance: stop when the residual's norm, in units of the signals, is at or under it. Judged by an updated
-        squared norm, good to about 1e-8 of the signal's norm. The arithmetic is then double whatever the input.
+    residual_tolerance: stop when the residual's norm, in units of the signals, is at or under it. Judged by
+        an updated squared norm, good to about 1e-8 of the signal's norm. The arithmetic is then double
+        whatever the input.
     progress: called with (signals done, signals in all).
 
-    Zero signals get empty models. A pursuit ends early when the residual correlates with no atom beyond rounding
-    or when the best atom depends linearly on those picked. Otherwise float32 signals are coded in float32. The same
-    bits come out on any number of threads.
+    Zero signals get empty models. A pursuit ends early when the residual correlates with no atom beyond
+    rounding or when the best atom depends linearly on those picked. Otherwise float32 signals are coded in
+    float32. The same bits come out on any number of threads.
 
-    Raises DataError for signals of a wrong shape or type or not finite (the message names the row), SettingsError
-    for settings that cannot be.
+    Raises DataError for signals of a wrong shape or type or not finite (the message names the row),
+    SettingsError for settings that cannot be.
 
-    Source: paper eq. 3-7; Batch-OMP as in Rubinstein, Zibulevsky and Elad 2008 by a partial Cholesky factor of the
+    Source: paper eq. 3-7; Batch-OMP as in Rubinstein, Zibulevsky and Elad 2008 by a partial Cholesky factor
+        of the
     Gram matrix; OLS: Chen, Billings and Luo 1989; matching pursuit: Mallat and Zhang 1993.
     """
     from depthprint._kernels import pursuit

@@ -67,7 +67,7 @@ def _support_of(code: Array, support: Array) -> int:
 
 @njit(cache=True, nogil=True)
 def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int, column: Array) -> bool:
-    """Cholesky factor U (U'U = G on the support) from column ``done`` on; false where an atom depends on those before."""
+    """Extend U with U'U = G on the support from column ``done`` on; false at a dependent atom."""
     for a in range(done, n):
         row = gram[support[a]]
         for b in range(a + 1):
@@ -86,7 +86,14 @@ def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int
 
 @njit(cache=True, nogil=True)
 def _jump(
-    gradient: Array, gram: Array, code: Array, penalty: float, support: Array, factor: Array, n: int, step: Array
+    gradient: Array,
+    gram: Array,
+    code: Array,
+    penalty: float,
+    support: Array,
+    factor: Array,
+    n: int,
+    step: Array,
 ) -> int:
     """Solve on the support with its signs held, and go there, or to the first change of sign on the way.
 
@@ -135,12 +142,12 @@ def _most_wanted(gradient: Array, code: Array) -> int:
 def lasso_block(
     correlations: Array, gram: Array, penalty: float, tolerance: float, max_rounds: int, codes: Array
 ) -> int:
-    """Minimise 1/2 a'Ga - c'a + penalty |a|_1 for each row c; ``codes`` holds the start and takes the solution.
+    """Minimise 1/2 a'Ga - c'a + penalty |a|_1 for each row c, from ``codes`` and into it.
 
-    Feature-sign search (Lee, Battle, Raina and Ng 2006): take in the atom that violates the optimality conditions
-    most, solve on the support exactly, drop atoms that change sign. Where the support is dependent, sweeps of
-    coordinate descent stand in. A row is done when it meets the conditions to ``tolerance * penalty``. Returns the
-    number of rows that did not within ``max_rounds``.
+    Feature-sign search (Lee, Battle, Raina and Ng 2006): take in the atom that violates the optimality
+    conditions most, solve on the support exactly, drop atoms that change sign. Where the support is
+    dependent, sweeps of coordinate descent stand in. A row is done when it meets the conditions to
+    ``tolerance * penalty``. Returns the number of rows that did not within ``max_rounds``.
     """
     m, n_atoms = correlations.shape
     gradient = np.empty(n_atoms)
@@ -195,8 +202,8 @@ def lasso_block(
 def update_atoms_block(atoms: Array, pull: Array, usage: Array, first: int, used: float) -> None:
     """Update atoms ``first .. first + len(pull)`` in turn, each to unit norm, given those before it.
 
-    ``pull`` holds these rows of B - A D for the dictionary as it comes in; it is kept up to date within the block.
-    Atoms whose usage A_jj is not above ``used`` stay.
+    ``pull`` holds these rows of B - A D for the dictionary as it comes in; it is kept up to date within the
+    block. Atoms whose usage A_jj is not above ``used`` stay.
     """
     n, d = pull.shape
     new = np.empty(d)

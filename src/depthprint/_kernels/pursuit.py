@@ -1,8 +1,9 @@
 """Greedy pursuits on the Gram matrix, one signal after another (paper eq. 3-7).
 
-Each picked atom gives one orthonormal direction; ``basis[k]`` holds its inner products with all atoms, which is
-the k-th row of a pivoted Cholesky factor of the Gram matrix. It yields the correlations of the next residual, the
-coefficients by one triangular solve, and what each atom would still add (the OLS rule) without touching pixels.
+Each picked atom gives one orthonormal direction; ``basis[k]`` holds its inner products with all atoms, which
+is the k-th row of a pivoted Cholesky factor of the Gram matrix. It yields the correlations of the next
+residual, the coefficients by one triangular solve, and what each atom would still add (the OLS rule) without
+touching pixels.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def squared_norms(signals: Array, out: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def _first_largest(bits: Array) -> int:
-    """Index of the first largest non-negative float, given as integer bits: those order alike and vectorise."""
+    """Index of the first largest non-negative float, by its bits as integers, which vectorise."""
     n = bits.size
     best_start = 0
     best = bits[0]
@@ -64,7 +65,9 @@ def _first_largest(bits: Array) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _residual_norm(signal: Array, atoms: Array, picked: Array, coefficients: Array, n: int, work: Array) -> float:
+def _residual_norm(
+    signal: Array, atoms: Array, picked: Array, coefficients: Array, n: int, work: Array
+) -> float:
     work[:] = signal
     for k in range(n):
         c = coefficients[k]
@@ -187,7 +190,7 @@ def mp_block(
     counts: Array,
     residual_norms: Array,
 ) -> None:
-    """Plain matching pursuit of each row, ``picked.shape[1]`` steps at most; an atom picked again adds to itself."""
+    """Matching pursuit of each row in at most ``picked.shape[1]`` steps; a repeated pick adds up."""
     m, n_atoms = correlations.shape
     limit = picked.shape[1]
     slot = np.full(n_atoms, -1, dtype=np.int32)
