@@ -65,7 +65,7 @@ def spams_atoms(signals, n_passes, batch_size):
 @pytest.mark.parametrize("peer", [scikit_learn_atoms, spams_atoms])
 @pytest.mark.parametrize("n_passes", [1, 3])
 def test_objective_reaches_the_peers_within_one_percent(peer, n_passes):
-    signals, held_out = smooth_patches(800), smooth_patches(400, seed=1)
+    signals, held_out = smooth_patches(640), smooth_patches(400, seed=1)
     theirs = peer(signals, n_passes, 64)
     ours = learn_dictionary(signals, N_ATOMS, lambda_=LAMBDA, batch_size=64, n_passes=n_passes)
     for data in (signals, held_out):

@@ -21,22 +21,22 @@ _TRIES_PER_ATOM = 50
 
 def _gaussian(u: FloatArray, v: FloatArray) -> FloatArray:
     """A blob."""
-    return np.exp(-(u * u + v * v))
+    return np.asarray(np.exp(-(u * u + v * v)))
 
 
 def _edge(u: FloatArray, v: FloatArray) -> FloatArray:
     """First derivative of the blob: a step of depth seen through a window."""
-    return u * np.exp(-(u * u + v * v))
+    return np.asarray(u * np.exp(-(u * u + v * v)))
 
 
 def _anisotropic_refinement(u: FloatArray, v: FloatArray) -> FloatArray:
     """Second derivative of the blob across, the blob along: a ridge or contour."""
-    return (4 * u * u - 2) * np.exp(-(u * u + v * v))
+    return np.asarray((4 * u * u - 2) * np.exp(-(u * u + v * v)))
 
 
 def _gabor(u: FloatArray, v: FloatArray) -> FloatArray:
     """A wave under the blob."""
-    return np.cos(np.pi * u) * np.exp(-(u * u + v * v) / 2)
+    return np.asarray(np.cos(np.pi * u) * np.exp(-(u * u + v * v) / 2))
 
 
 MOTHERS = MappingProxyType(
@@ -113,7 +113,7 @@ def _recurrence_steps(dimensions: int) -> FloatArray:
 
 
 def _sample(mother: Mother, shape: tuple[int, int], place: FloatArray) -> FloatArray | None:
-    """One unit atom for a point of the unit cube (row, column, angle, two scales); None if nothing is left."""
+    """One unit atom for a point of the unit cube (row, column, angle, scales); None if nothing is left."""
     height, width = shape
     y, x = np.mgrid[0:height, 0:width]
     dy = y - (place[0] * height - 0.5)
