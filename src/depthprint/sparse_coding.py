@@ -18,7 +18,7 @@ ALGORITHMS = ("omp", "ols", "mp")
 
 # Below these an inner product or a squared distance is rounding, not signal.
 _ZERO_IN_ULPS = 8.0
-_DEPENDENT = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-12}
+_DEPENDENT = {np.dtype(np.float32): 1e-4, np.dtype(np.float64): 1e-8}
 
 
 @dataclass(frozen=True)

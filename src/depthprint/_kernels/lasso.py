@@ -66,8 +66,8 @@ def _support_of(code: Array, support: Array) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int, column: Array) -> bool:
-    """Extend U with U'U = G on the support from column ``done`` on; false at a dependent atom."""
+def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int, column: Array) -> int:
+    """Extend U with U'U = G on the support from column ``done`` on; n, or the place of a dependent atom."""
     for a in range(done, n):
         row = gram[support[a]]
         for b in range(a + 1):
@@ -79,9 +79,52 @@ def _extend_factor(gram: Array, support: Array, factor: Array, done: int, n: int
                 column[k] -= value * factor[b, k]
             column[a] -= value * value
         if not column[a] > _DEPENDENT:
-            return False
+            return a
         factor[a, a] = np.sqrt(column[a])
-    return True
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _exchange(
+    gradient: Array,
+    gram: Array,
+    code: Array,
+    penalty: float,
+    support: Array,
+    factor: Array,
+    place: int,
+    step: Array,
+) -> int:
+    """Trade the atom at ``place`` against those before it, of which it is a combination, until one comes to zero.
+
+    The fit stays as it is and the objective falls. Returns the place of the atom at zero, or -1 if none is met.
+    """
+    for a in range(place - 1, -1, -1):
+        value = -factor[a, place]
+        for k in range(a + 1, place):
+            value -= factor[a, k] * step[k]
+        step[a] = value / factor[a, a]
+    step[place] = 1.0
+    slope = 0.0
+    for a in range(place + 1):
+        j = support[a]
+        slope += step[a] * (penalty * np.sign(code[j]) - gradient[j])
+    direction = -1.0 if slope > 0.0 else 1.0
+    length = np.inf
+    crossing = -1
+    for a in range(place + 1):
+        rate = direction * step[a]
+        here = code[support[a]]
+        if rate * here < 0.0 and -here / rate < length:
+            length = -here / rate
+            crossing = a
+    if crossing >= 0:
+        for a in range(place + 1):
+            j = support[a]
+            new = 0.0 if a == crossing else code[j] + length * direction * step[a]
+            _move(gradient, gram[j], new - code[j])
+            code[j] = new
+    return crossing
 
 
 @njit(cache=True, nogil=True)
@@ -145,9 +188,9 @@ def lasso_block(
     """Minimise 1/2 a'Ga - c'a + penalty |a|_1 for each row c, from ``codes`` and into it.
 
     Feature-sign search (Lee, Battle, Raina and Ng 2006): take in the atom that violates the optimality
-    conditions most, solve on the support exactly, drop atoms that change sign. Where the support is
-    dependent, sweeps of coordinate descent stand in. A row is done when it meets the conditions to
-    ``tolerance * penalty``. Returns the number of rows that did not within ``max_rounds``.
+    conditions most, solve on the support exactly, drop atoms that change sign. An atom that depends on others
+    is traded for one of them; where that fails, sweeps of coordinate descent stand in. A row is done when it
+    meets the conditions to ``tolerance * penalty``. Returns the number of rows not done in ``max_rounds``.
     """
     m, n_atoms = correlations.shape
     gradient = np.empty(n_atoms)
@@ -177,17 +220,18 @@ def lasso_block(
                 n += 1
             independent = True
             while n > 0:
-                independent = _extend_factor(gram, support, factor, factored, n, step)
-                if not independent:
-                    break
-                factored = n
-                crossing = _jump(gradient, gram, code, penalty, support, factor, n, step)
+                factored = _extend_factor(gram, support, factor, factored, n, step)
+                if factored < n:
+                    crossing = _exchange(gradient, gram, code, penalty, support, factor, factored, step)
+                    independent = crossing >= 0
+                else:
+                    crossing = _jump(gradient, gram, code, penalty, support, factor, n, step)
                 if crossing < 0:
                     break
                 for a in range(crossing, n - 1):
                     support[a] = support[a + 1]
                 n -= 1
-                factored = crossing
+                factored = min(factored, crossing)
             if not independent:
                 for _ in range(_SWEEPS):
                     _sweep(gradient, gram, code, penalty)

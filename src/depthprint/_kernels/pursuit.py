@@ -136,10 +136,14 @@ def omp_block(
             if not height > dependent:
                 break
             pivot = np.sqrt(height)
+            step = np.float64(alpha[best]) / pivot
+            if (
+                step * step > left + zero * squared[s]
+            ):  # more than there is: rounding on a near-dependent atom
+                break
             for k in range(n):
                 triangle[k, n] = basis[k, best]
             triangle[n, n] = pivot
-            step = np.float64(alpha[best]) / pivot
             along[n] = step
             left -= step * step
             taken[best] = True
