@@ -1,4 +1,4 @@
-"""Kolmogorov complexity, approximated: by EMD to the null element (paper eq. 17-18), or by a compressor's length."""
+"""Kolmogorov complexity, approximated: by EMD to the null element (paper eq. 17-18) or by a compressor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import lzma
 import zlib
 from collections.abc import Callable
 
-from depthprint.emd import Masses, emd
+from depthprint._pairs import Masses, check_masses
+from depthprint.emd import emd
 from depthprint.errors import DataError, MissingExtraError, SettingsError
 from depthprint.signature import GroundDistance, Signature
 
@@ -24,12 +25,12 @@ def emd_complexity(
 ) -> float:
     """K(X) = EMD(P, {0}) (eq. 18): every unit of mass travels to the null element.
 
-    Total weight times ``ground.null_cost``; for `balanced` and `rubner` masses a distance is per unit of mass, and so
-    is K: ``null_cost``, or 0 for an empty signature. Raises SettingsError for unknown ``masses``.
+    Total weight times ``ground.null_cost``; for `balanced` and `rubner` masses a distance is per unit of
+    mass, and so is K: ``null_cost``, or 0 for an empty signature. Raises SettingsError for unknown
+    ``masses``.
     """
     null_cost = (GroundDistance() if ground is None else ground).null_cost
-    if masses not in ("null", "rubner", "balanced"):
-        raise SettingsError(f"masses: expected null, rubner or balanced, got {masses!r}")
+    check_masses(masses)
     if masses == "null":
         return null_cost * signature.mass
     return null_cost if signature.mass > 0 else 0.0
@@ -43,11 +44,12 @@ def conditional_complexity(
 
 
 def compressed_length(data: bytes, compressor: str = "gzip") -> int:
-    """Bytes that ``compressor`` needs for ``data`` as a raw stream, without file headers and checksums; 0 for none.
+    """Bytes that ``compressor`` needs for ``data`` as a raw stream, without headers and checksums; 0 for none.
 
-    `gzip` is raw deflate; `ppm` PPMd var. H of order 6; `lzma` raw LZMA1; `zstd` level 19 without magic number. bz2
-    has no raw form: the 24 bytes of its frame are subtracted (each further block of 900 kB still counts 10 bytes).
-    Raises SettingsError for an unknown name, DataError for anything but bytes, MissingExtraError without zstandard.
+    `gzip` is raw deflate; `ppm` PPMd var. H of order 6; `lzma` raw LZMA1; `zstd` level 19 without magic
+    number. bz2 has no raw form: the 24 bytes of its frame are subtracted (each further block of 900 kB still
+    counts 10 bytes). Raises SettingsError for an unknown name, DataError for anything but bytes,
+    MissingExtraError without zstandard.
     """
     if compressor not in COMPRESSORS:
         raise SettingsError(f"compressor: expected one of {', '.join(COMPRESSORS)}, got {compressor!r}")

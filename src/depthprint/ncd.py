@@ -30,7 +30,8 @@ def ncd(c_x: npt.ArrayLike, c_y: npt.ArrayLike, c_xy: npt.ArrayLike) -> FloatArr
 def joint(emd: npt.ArrayLike, k_x: npt.ArrayLike, k_y: npt.ArrayLike) -> FloatArray:
     """Eq. 8 with K(XY) = (K(X) + K(Y) + K(X|Y)) / 2: (E + |Kx - Ky|) / (2 max(Kx, Ky)), in [0, 1].
 
-    ``emd`` and complexities broadcast. Raises DataError where E exceeds Kx + Ky, which no EMD with a null element does.
+    ``emd`` and complexities broadcast. Raises DataError where E exceeds Kx + Ky, which no EMD with a null
+    element does.
     """
     e, x, y = _emd_and_complexities(emd, k_x, k_y)
     return np.minimum(_ratio(e + np.abs(x - y), 2.0 * np.maximum(x, y)), 1.0)
@@ -39,15 +40,15 @@ def joint(emd: npt.ArrayLike, k_x: npt.ArrayLike, k_y: npt.ArrayLike) -> FloatAr
 def information(emd: npt.ArrayLike, k_x: npt.ArrayLike, k_y: npt.ArrayLike) -> FloatArray:
     """Normalised information distance E / max(Kx, Ky), broadcast; raises as `joint`.
 
-    In [0, 1] where no ground cost exceeds the null cost (``cap <= null_cost``); otherwise unlike signatures of equal
-    mass may reach 2, since K(X|Y) = E may then exceed K(X).
+    In [0, 1] where no ground cost exceeds the null cost (``cap <= null_cost``); otherwise unlike signatures
+    of equal mass may reach 2, since K(X|Y) = E may then exceed K(X).
     """
     e, x, y = _emd_and_complexities(emd, k_x, k_y)
     return np.minimum(_ratio(e, np.maximum(x, y)), 2.0)
 
 
 def steinhaus(emd: npt.ArrayLike, k_x: npt.ArrayLike, k_y: npt.ArrayLike) -> FloatArray:
-    """Steinhaus transform of the EMD with respect to {0}: 2E / (Kx + Ky + E), a metric in [0, 1]; raises as `joint`."""
+    """Steinhaus transform about {0}: 2E / (Kx + Ky + E), a metric in [0, 1]; raises as `joint`."""
     e, x, y = _emd_and_complexities(emd, k_x, k_y)
     return np.minimum(_ratio(2.0 * e, x + y + e), 1.0)
 
@@ -64,8 +65,8 @@ def compression_distance(
 ) -> float:
     """Eq. 8 of two byte strings under a compressor of `depthprint.complexity.COMPRESSORS`.
 
-    C(XY) depends on the order; ``order`` takes the `min` or the `mean` of C(XY) and C(YX), so that the distance is
-    symmetric. Real compressors only approximate [0, 1]. Raises SettingsError, MissingExtraError.
+    C(XY) depends on the order; ``order`` takes the `min` or the `mean` of C(XY) and C(YX), so that the
+    distance is symmetric. Real compressors only approximate [0, 1]. Raises SettingsError, MissingExtraError.
     """
     if order not in ("min", "mean"):
         raise SettingsError(f"order: expected min or mean, got {order!r}")
@@ -88,11 +89,13 @@ def _emd_and_complexities(emd: npt.ArrayLike, k_x: npt.ArrayLike, k_y: npt.Array
     e, x, y = _complexities(emd=emd, k_x=k_x, k_y=k_y)
     if (e > (x + y) * (1 + _ROUNDING)).any():
         raise DataError(
-            "ncd: an EMD exceeds K(X) + K(Y); the complexities must come from the null element of the same ground distance"
+            "ncd: an EMD exceeds K(X) + K(Y); the complexities must come from the null element "
+            "of the same ground distance"
         )
     return [e, x, y]
 
 
 def _ratio(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
     top, bottom = np.broadcast_arrays(numerator, denominator)
-    return np.divide(top, bottom, out=np.zeros(bottom.shape), where=bottom > 0)
+    ratio: FloatArray = np.divide(top, bottom, out=np.zeros(bottom.shape), where=bottom > 0)
+    return ratio

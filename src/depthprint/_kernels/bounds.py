@@ -46,7 +46,8 @@ class Side(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _circular(difference: float, period: float) -> float:
-    return difference - period * np.rint(difference / period)
+    turns: float = np.rint(difference / period)
+    return difference - period * turns
 
 
 @njit(cache=True, nogil=True)
@@ -94,7 +95,7 @@ def ground_costs(
 
 @njit(cache=True, nogil=True)
 def _one_sided(weights: FloatArray, minima: FloatArray, k: int, surplus: float, surplus_cost: float) -> float:
-    """Work if each cluster went to its nearest; the dearest clusters give the surplus. ``minima`` is used up."""
+    """Work if each cluster went to its nearest and the dearest gave the surplus; uses ``minima`` up."""
     bound = 0.0
     for i in range(k):
         bound += weights[i] * minima[i]
@@ -117,15 +118,12 @@ def _two_sided(
     left: Side, a: int, right: Side, b: int, minima_p: FloatArray, minima_q: FloatArray, rules: PairRules
 ) -> float:
     """Lower bound of the EMD from the least costs of rows and columns."""
-    if rules.balance:
-        surplus = 0.0
-    else:
-        surplus = left.masses[a] - right.masses[b]
+    surplus = 0.0 if rules.balance else left.masses[a] - right.masses[b]
     bound_p = _one_sided(left.weights[a], minima_p, left.counts[a], max(surplus, 0.0), rules.surplus_cost)
     bound_q = _one_sided(right.weights[b], minima_q, right.counts[b], max(-surplus, 0.0), rules.surplus_cost)
     bound_p += max(-surplus, 0.0) * rules.surplus_cost
     bound_q += max(surplus, 0.0) * rules.surplus_cost
-    bound = max(bound_p, bound_q)
+    bound: float = max(bound_p, bound_q)
     if rules.divide:
         bound /= min(left.masses[a], right.masses[b])
     return bound
@@ -189,9 +187,15 @@ def _pair(
 
 @njit(cache=True, parallel=True)
 def difference_tasks(
-    left: Side, right: Side, tasks: IntArray, shifts: FloatArray, below: float, rules: PairRules, out: FloatArray
+    left: Side,
+    right: Side,
+    tasks: IntArray,
+    shifts: FloatArray,
+    below: float,
+    rules: PairRules,
+    out: FloatArray,
 ) -> IntArray:
-    """out[i, j] for each task (i, j_first, j_last): least distance over the shifts, inf where over ``below``."""
+    """out[i, j] of tasks (i, j_first, j_last): least distance over the shifts, inf where over ``below``."""
     status = np.zeros(len(tasks), np.int64)
     k_p, k_q = left.weights.shape[1], right.weights.shape[1]
     for t in prange(len(tasks)):
@@ -216,7 +220,7 @@ def difference_tasks(
 def pair_distances(
     left: Side, right: Side, candidates: IntArray, chosen: IntArray, shifts: FloatArray, rules: PairRules
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Exact distance of left signature 0 to right[candidates[t]] at shifts[chosen[t]]: (distance, status, solved)."""
+    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved)."""
     count = len(candidates)
     distances = np.empty(count)
     status = np.zeros(count, np.int64)
@@ -278,7 +282,7 @@ def _least_costs(
     bits: IntArray,
     minima: FloatArray,
 ) -> None:
-    """Least cost of each row into minima[0], of each column into minima[1], from the appearance part ``base``."""
+    """Least cost of each row into minima[0], of each column into minima[1]; ``base``: appearance part."""
     appearance = q.shape[0] - rules.position_dims
     columns = minima[1]
     for j in range(n):

@@ -1,9 +1,9 @@
 """Exact transportation simplex (dense costs) on integers: no tolerance, no degenerate pivot, no cycling.
 
-Masses and costs are rounded once to 64-bit integers scaled by powers of two (about 2**-55 of the largest), so every
-sum below is exact. Row masses are then perturbed by one unit of a finer scale (Charnes): each basic flow stays
-positive, each pivot lowers the objective, and the simplex ends. The flows of the unperturbed masses are read off the
-final tree. The spanning tree is kept in preorder, so that a subtree is a slice.
+Masses and costs are rounded once to 64-bit integers scaled by powers of two (about 2**-55 of the largest), so
+every sum below is exact. Row masses are then perturbed by one unit of a finer scale (Charnes): each basic
+flow stays positive, each pivot lowers the objective, and the simplex ends. The flows of the unperturbed
+masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice.
 """
 
 from __future__ import annotations
@@ -77,8 +77,9 @@ def solve_transport(
 ) -> tuple[float, int, int, int, int]:
     """Least work to move weights_p[:m] onto weights_q[:n] at cost[:m, :n]; the surplus pays ``surplus_cost``.
 
-    With ``balance`` the masses are equal up to rounding and the largest cluster takes what rounding left. Returns
-    (work, status, rows, columns, exponent of the mass scale); the scratch then holds the final tree for `write_flow`.
+    With ``balance`` the masses are equal up to rounding and the largest cluster takes what rounding left.
+    Returns (work, status, rows, columns, exponent of the mass scale); the scratch then holds the final tree
+    for `write_flow`.
     """
     mass, index, parent, order, pos = ints[_MASS], ints[_INDEX], ints[_PARENT], ints[_ORDER], ints[_POS]
     size, flow, pi, temp = ints[_SIZE], ints[_FLOW], ints[_PI], ints[_TEMP]
@@ -156,7 +157,7 @@ def solve_transport(
         for j in range(columns):
             icost[m_real, j] = dummy
 
-    # --- start: row minima of the column-reduced costs; each step removes a leaf, which hangs it on its parent
+    # --- start: row minima of the column-reduced costs; each step removes a leaf and hangs it on its parent
     for j in range(columns):
         temp[j] = icost[0, j]
     for i in range(1, rows):
@@ -216,8 +217,7 @@ def solve_transport(
         temp[k] = order[k]
     pos[root] = 0
     pi[root] = 0
-    ints[_ORDER, root] = 1  # while positions are dealt out, order[x] is the next free place in x's slice
-    order[root] = 1
+    order[root] = 1  # while positions are dealt out, order[x] is the next free place in x's slice
     for k in range(removed - 1, -1, -1):
         x = temp[k]
         y = parent[x]
@@ -273,15 +273,9 @@ def solve_transport(
             if row < m_real and column < n_real:
                 price = cost[index[row], index[rows + column]]
             work += np.float64(moved) * price
-    if temp[root_of(parent, order)] != 0:
+    if temp[order[0]] != 0:
         return 0.0, BAD_CERTIFICATE, rows, columns, exponent
     return work / s1 / s2, OPTIMAL, rows, columns, exponent
-
-
-@njit(cache=True, nogil=True)
-def root_of(parent: IntArray, order: IntArray) -> int:
-    """Root of the tree: first in preorder."""
-    return order[0]
 
 
 @njit(cache=True, nogil=True)
@@ -384,7 +378,9 @@ def _pivot(
 
 
 @njit(cache=True, nogil=True)
-def write_flow(rows: int, columns: int, exponent: int, m: int, n: int, ints: IntArray, flow: FloatArray) -> None:
+def write_flow(
+    rows: int, columns: int, exponent: int, m: int, n: int, ints: IntArray, flow: FloatArray
+) -> None:
     """Flows (m, n) of the last `solve_transport`, in the units of its weights; the surplus is left out."""
     index, parent, order, flow_of = ints[_INDEX], ints[_PARENT], ints[_ORDER], ints[_FLOW]
     half = exponent // 2
