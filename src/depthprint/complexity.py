@@ -44,7 +44,7 @@ def conditional_complexity(
 
 
 def compressed_length(data: bytes, compressor: str = "gzip") -> int:
-    """Bytes that ``compressor`` needs for ``data`` as a raw stream, without headers and checksums; 0 for none.
+    """Bytes that ``compressor`` needs for ``data`` as a raw stream, without header or checksum; 0 for none.
 
     `gzip` is raw deflate; `ppm` PPMd var. H of order 6; `lzma` raw LZMA1; `zstd` level 19 without magic
     number. bz2 has no raw form: the 24 bytes of its frame are subtracted (each further block of 900 kB still

@@ -143,7 +143,9 @@ class SignatureIndex:
     def distances(
         self, signatures: Sequence[Signature], limit: int | None = None, *, relaxed: bool = False
     ) -> FloatArray:
-        """Exact distances (n,) of the items below ``limit``, or lower bounds if ``relaxed``; raises as `query`."""
+        """Exact distances (n,) of the items below ``limit``, or lower bounds if ``relaxed``.
+
+        Raises as `query`."""
         search = self._search(signatures, limit)
         best = search.bounds.min(axis=1) if relaxed else search.all_exact()
         self.statistics = search.statistics()

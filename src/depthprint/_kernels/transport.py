@@ -94,7 +94,7 @@ def solve_transport(
     largest = max(mass_p, mass_q)
     if largest <= 0.0:
         return 0.0, OPTIMAL, 0, 0, 0
-    mass_bits = 60 - bit_length(m + 2)
+    mass_bits = 61 - bit_length(m + 2)
     s1, s2 = power_of_two(largest, mass_bits)
     exponent = mass_bits - math.frexp(largest)[1]
     rows = 0
