@@ -145,7 +145,8 @@ class SignatureIndex:
     ) -> FloatArray:
         """Exact distances (n,) of the items below ``limit``, or lower bounds if ``relaxed``.
 
-        Raises as `query`."""
+        Raises as `query`.
+        """
         search = self._search(signatures, limit)
         best = search.bounds.min(axis=1) if relaxed else search.all_exact()
         self.statistics = search.statistics()

@@ -57,12 +57,21 @@ def _add_squares(
     """Add the squared differences of coordinates first..last-1 of p (k, d) and q (d, k) to square[:m, :n]."""
     for i in range(m):
         row = square[i]
-        for k in range(first, last):
-            x = p[i, k]
-            other = q[k]
+        k = first
+        while k + 4 <= last:  # four coordinates a pass over the row
+            x0, x1, x2, x3 = p[i, k], p[i, k + 1], p[i, k + 2], p[i, k + 3]
+            q0, q1, q2, q3 = q[k], q[k + 1], q[k + 2], q[k + 3]
             for j in range(n):
-                t = x - other[j]
-                row[j] += t * t
+                t0, t1, t2, t3 = x0 - q0[j], x1 - q1[j], x2 - q2[j], x3 - q3[j]
+                row[j] += (t0 * t0 + t1 * t1) + (t2 * t2 + t3 * t3)
+            k += 4
+        while k < last:
+            x0 = p[i, k]
+            q0 = q[k]
+            for j in range(n):
+                t0 = x0 - q0[j]
+                row[j] += t0 * t0
+            k += 1
 
 
 @njit(cache=True, nogil=True)
@@ -284,31 +293,37 @@ def _least_costs(
 ) -> None:
     """Least cost of each row into minima[0], of each column into minima[1]; ``base``: appearance part."""
     appearance = q.shape[0] - rules.position_dims
-    columns = minima[1]
+    rows, columns = minima[0], minima[1]
     for j in range(n):
         columns[j] = np.inf
     for i in range(m):
         row = base[i]
-        for j in range(n):
-            line[j] = row[j]
+        if rules.position_dims == 0:
+            for j in range(n):
+                line[j] = row[j]
         for k in range(rules.position_dims):
             x = p[i, appearance + k] + shift[k]
             other = q[appearance + k]
-            if k == 0 and rules.period > 0.0:
-                for j in range(n):
-                    t = _circular(x - other[j], rules.period)
-                    line[j] += t * t
-            else:
+            if k > 0:
                 for j in range(n):
                     t = x - other[j]
                     line[j] += t * t
+            elif rules.period > 0.0:
+                for j in range(n):
+                    t = _circular(x - other[j], rules.period)
+                    line[j] = row[j] + t * t
+            else:
+                for j in range(n):
+                    t = x - other[j]
+                    line[j] = row[j] + t * t
         # squares are >= 0, so their bits order as they do: an integer minimum is taken several at a time
         least = np.int64(0x7FF0000000000000)
         for j in range(n):
             least = min(least, bits[j])
             columns[j] = min(columns[j], line[j])
-        line[0] = 0.0
         bits[0] = least
-        minima[0, i] = min(np.sqrt(line[0]), rules.cap)
+        rows[i] = line[0]
+    for i in range(m):
+        rows[i] = min(np.sqrt(rows[i]), rules.cap)
     for j in range(n):
         columns[j] = min(np.sqrt(columns[j]), rules.cap)

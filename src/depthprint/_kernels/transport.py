@@ -358,8 +358,8 @@ def _pivot(
             break
         x, above, carried, below = next_x, x, next_flow, next_below
 
-    if pos[outer] < start:
-        place = pos[outer] + 1
+    if pos[outer] < start:  # nearest place: the end of outer's slice, unless the cut subtree lies inside it
+        place = pos[outer] + 1 if outer == join else pos[outer] + size[outer] - moved
         for t in range(start - 1, place - 1, -1):
             y = order[t]
             order[t + moved] = y
