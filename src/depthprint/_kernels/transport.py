@@ -37,6 +37,7 @@ FloatArray = npt.NDArray[np.float64]
 _MASS, _INDEX, _PARENT, _ORDER, _POS, _SIZE, _FLOW, _PI, _TEMP = range(9)
 _SCRATCH_ROWS = 9
 _BIG = np.int64(1) << np.int64(62)
+_ROWS_PRICED = 4
 
 
 @njit(cache=True, nogil=True)
@@ -228,30 +229,34 @@ def solve_transport(
     for x in range(nodes):
         order[pos[x]] = x
 
-    # --- pivots: the most negative cell of a row, rows in turn
+    # --- pivots: the most negative cell of a few rows, rows in turn, until no row has any
     pivots = 0
     limit = 1000 * nodes + 100000
     i = 0
     left = rows
     while left > 0:
-        source_i = icost[i]
-        least = _BIG
-        for j in range(columns):
-            least = min(least, source_i[j] + pi[rows + j])
-        if least >= pi[i]:
+        best_row, best_sum, worst = -1, np.int64(0), np.int64(0)
+        for _ in range(min(_ROWS_PRICED, left)):
+            source_i = icost[i]
+            least = _BIG
+            for j in range(columns):
+                least = min(least, source_i[j] + pi[rows + j])
+            if least - pi[i] < worst:
+                best_row, best_sum, worst = i, least, least - pi[i]
             left -= 1
-        else:
+            i += 1
+            if i == rows:
+                i = 0
+        if best_row >= 0:
+            source_i = icost[best_row]
             j = rows
-            while source_i[j - rows] + pi[j] != least:
+            while source_i[j - rows] + pi[j] != best_sum:
                 j += 1
             pivots += 1
             if pivots > limit:
                 return 0.0, PIVOT_LIMIT, rows, columns, exponent
-            _pivot(i, j, least - pi[i], rows, parent, order, pos, size, flow, pi, temp)
+            _pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
             left = rows
-        i += 1
-        if i == rows:
-            i = 0
 
     # --- flows of the unperturbed masses, and the certificate: tree cells tight, flows not negative
     for x in range(nodes):
