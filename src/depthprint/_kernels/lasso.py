@@ -95,9 +95,9 @@ def _exchange(
     place: int,
     step: Array,
 ) -> int:
-    """Trade the atom at ``place`` against those before it, of which it is a combination, until one comes to zero.
+    """Trade the atom at ``place`` against those before it, of which it is a combination, till one is zero.
 
-    The fit stays as it is and the objective falls. Returns the place of the atom at zero, or -1 if none is met.
+    The fit stays as it is, the objective falls. Returns the place of the atom at zero, -1 if none is met.
     """
     for a in range(place - 1, -1, -1):
         value = -factor[a, place]
