@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from depthprint._kernels.spanning_tree import BIG, pivot
+
 __all__ = [
     "BAD_CERTIFICATE",
     "OPTIMAL",
@@ -36,7 +38,6 @@ FloatArray = npt.NDArray[np.float64]
 # Rows of the integer scratch, each as long as rows + columns + 2.
 _MASS, _INDEX, _PARENT, _ORDER, _POS, _SIZE, _FLOW, _PI, _TEMP = range(9)
 _SCRATCH_ROWS = 9
-_BIG = np.int64(1) << np.int64(62)
 _ROWS_PRICED = 4
 
 
@@ -180,7 +181,7 @@ def solve_transport(
         for k in range(open_rows):
             i = order[k]
             source_i = icost[i]
-            least = _BIG
+            least = BIG
             for j in range(columns):
                 least = min(least, source_i[j] - temp[j])
             j = 0
@@ -198,7 +199,7 @@ def solve_transport(
                 flow[x] = pi[x]
                 pi[i] -= pi[x]
                 pos[removed] = x
-                temp[j] = -_BIG
+                temp[j] = -BIG
                 order[kept] = i
                 kept += 1
             removed += 1
@@ -238,7 +239,7 @@ def solve_transport(
         best_row, best_sum, worst = -1, np.int64(0), np.int64(0)
         for _ in range(min(_ROWS_PRICED, left)):
             source_i = icost[i]
-            least = _BIG
+            least = BIG
             for j in range(columns):
                 least = min(least, source_i[j] + pi[rows + j])
             if least - pi[i] < worst:
@@ -255,7 +256,7 @@ def solve_transport(
             pivots += 1
             if pivots > limit:
                 return 0.0, PIVOT_LIMIT, rows, columns, exponent
-            _pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
+            pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
             left = rows
 
     # --- flows of the unperturbed masses, and the certificate: tree cells tight, flows not negative
@@ -281,105 +282,6 @@ def solve_transport(
     if temp[order[0]] != 0:
         return 0.0, BAD_CERTIFICATE, rows, columns, exponent
     return work / s1 / s2, OPTIMAL, rows, columns, exponent
-
-
-@njit(cache=True, nogil=True)
-def _pivot(
-    i: int,
-    j: int,
-    reduced_cost: int,
-    rows: int,
-    parent: IntArray,
-    order: IntArray,
-    pos: IntArray,
-    size: IntArray,
-    flow: IntArray,
-    pi: IntArray,
-    temp: IntArray,
-) -> None:
-    """Bring cell (row node i, column node j) into the tree and hang the cut subtree on it."""
-    u, w = i, j
-    delta = _BIG
-    leave = -1
-    row_side = True
-    while u != w:
-        if size[u] <= size[w]:
-            if u < rows and flow[u] < delta:
-                delta, leave, row_side = flow[u], u, True
-            u = parent[u]
-        else:
-            if w >= rows and flow[w] < delta:
-                delta, leave, row_side = flow[w], w, False
-            w = parent[w]
-    join = u
-    u = i
-    while u != join:
-        flow[u] += -delta if u < rows else delta
-        u = parent[u]
-    w = j
-    while w != join:
-        flow[w] += delta if w < rows else -delta
-        w = parent[w]
-
-    inner, outer, step = (i, j, reduced_cost) if row_side else (j, i, -reduced_cost)
-    moved = size[leave]
-    start = pos[leave]
-    x = parent[leave]
-    while x != join:
-        size[x] -= moved
-        x = parent[x]
-    x = outer
-    while x != join:
-        size[x] += moved
-        x = parent[x]
-
-    # preorder of the cut subtree seen from ``inner``: its slice, then what each ancestor has around it
-    low = pos[inner]
-    high = low + size[inner]
-    k = 0
-    for t in range(low, high):
-        temp[k] = order[t]
-        k += 1
-    x = inner
-    while x != leave:
-        x = parent[x]
-        x_low = pos[x]
-        x_high = x_low + size[x]
-        for t in range(x_low, low):
-            temp[k] = order[t]
-            k += 1
-        for t in range(high, x_high):
-            temp[k] = order[t]
-            k += 1
-        low, high = x_low, x_high
-
-    x, above, carried, below = inner, outer, delta, 0
-    while True:
-        next_x, next_flow, next_below = parent[x], flow[x], size[x]
-        parent[x] = above
-        flow[x] = carried
-        size[x] = moved - below
-        if x == leave:
-            break
-        x, above, carried, below = next_x, x, next_flow, next_below
-
-    if pos[outer] < start:  # nearest place: the end of outer's slice, unless the cut subtree lies inside it
-        place = pos[outer] + 1 if outer == join else pos[outer] + size[outer] - moved
-        for t in range(start - 1, place - 1, -1):
-            y = order[t]
-            order[t + moved] = y
-            pos[y] = t + moved
-    else:
-        place = pos[outer] + 1 - moved
-        for t in range(start + moved, pos[outer] + 1):
-            y = order[t]
-            order[t - moved] = y
-            pos[y] = t - moved
-    for t in range(moved):
-        y = temp[t]
-        order[place + t] = y
-        pos[y] = place + t
-        pi[y] += step
 
 
 @njit(cache=True, nogil=True)
