@@ -1,0 +1,65 @@
+"""Simulated streets, driven along a real path or a built-in route. Simulated data, always called so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from depthprint.datasets.base import LoopTruth, RangeSequence
+from depthprint.errors import SettingsError
+from depthprint.projection import Pinhole
+
+__all__ = ["simulated_street"]
+
+_GAP_FRAMES = 100
+
+
+def simulated_street(
+    *,
+    poses_file: Path | str | None = None,
+    every: int = 1,
+    sensor: str = "stereo",
+    seed: int = 0,
+    cars_redrawn: float = 0.2,
+    length_m: float = 1500.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> RangeSequence:
+    """Drive a simulated town; frames are ray cast as they are read, the same bits in any order.
+
+    poses_file: KITTI pose file whose horizontal path is driven; else a built-in route of ``length_m`` metres with
+        loops in both directions. every: take every k-th frame. sensor: 'stereo', 'kinect' or 'lidar'. seed: of the
+        town, its traffic and the noise; different seeds are different towns. cars_redrawn: share of the parking
+        slots whose car is drawn anew at each later visit.
+    Raises SettingsError for a wrong option, DataError for a wrong pose file.
+    """
+    from depthprint.simulation.drive import SENSORS, Drive
+    from depthprint.simulation.route import built_in_route, route_from_kitti_poses
+    from depthprint.simulation.world import build_street_world
+
+    if sensor not in SENSORS:
+        raise SettingsError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
+    if every < 1:
+        raise SettingsError(f"every: expected at least 1, got {every}")
+    if not 0 <= cars_redrawn <= 1:
+        raise SettingsError(f"cars_redrawn: expected a share in 0..1, got {cars_redrawn}")
+    route = built_in_route(length_m, seed) if poses_file is None else route_from_kitti_poses(poses_file)
+    if progress is not None:
+        progress(0, 2)
+    world = build_street_world(route, seed)
+    if progress is not None:
+        progress(1, 2)
+    drive = Drive(world, SENSORS[sensor], cars_redrawn)
+    poses = drive.poses()[::every]
+    if progress is not None:
+        progress(2, 2)
+    forward = isinstance(SENSORS[sensor].projection, Pinhole)
+    where = "built-in route" if poses_file is None else Path(poses_file).stem
+    return RangeSequence(
+        name=f"simulated_street/{where} ({sensor}, seed {seed}, {cars_redrawn:.0%} of parked cars redrawn)",
+        read=lambda index: drive.measure(index * every),
+        length=len(poses),
+        preset="street" if forward else "lidar",
+        poses=poses,
+        truth=LoopTruth(gap=max(1, _GAP_FRAMES // every), heading_deg=45.0 if forward else None),
+        simulated=True,
+    )
