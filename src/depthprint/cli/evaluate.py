@@ -14,7 +14,9 @@ from depthprint.cli.progress import progress_bars
 __all__ = ["app"]
 
 app = typer.Typer(
-    help="Measure methods by the protocols of docs/evaluation.md.", no_args_is_help=True, rich_markup_mode=None
+    help="Measure methods by the protocols of docs/evaluation.md.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
 

@@ -22,7 +22,9 @@ def loops(
     model: o.Model = None,
     threshold: Annotated[
         float | None,
-        typer.Option("--threshold", metavar="T", help="Largest distance of a loop; set from the data when absent."),
+        typer.Option(
+            "--threshold", metavar="T", help="Largest distance of a loop; set from the data when absent."
+        ),
     ] = None,
     gap: o.Gap = None,
     poses: o.Poses = None,

@@ -32,12 +32,16 @@ __all__ = [
 
 _SIMULATED = "Simulated street: "
 
-Data = Annotated[Path | None, typer.Argument(metavar="DATA", help="File or folder of depth; none for simulated data.")]
+Data = Annotated[
+    Path | None, typer.Argument(metavar="DATA", help="File or folder of depth; none for simulated data.")
+]
 Dataset = Annotated[
-    str | None, typer.Option("--dataset", metavar="NAME", help="Kind of data; guessed from the path when absent.")
+    str | None,
+    typer.Option("--dataset", metavar="NAME", help="Kind of data; guessed from the path when absent."),
 ]
 Sequence = Annotated[
-    str | None, typer.Option("--sequence", "-s", metavar="SEQ", help="Sequence of a data set that has several.")
+    str | None,
+    typer.Option("--sequence", "-s", metavar="SEQ", help="Sequence of a data set that has several."),
 ]
 Every = Annotated[int, typer.Option("--every", min=1, metavar="K", help="Take every K-th frame.")]
 Poses = Annotated[
@@ -58,7 +62,8 @@ Sensor = Annotated[
     str | None, typer.Option("--sensor", metavar="stereo|kinect|lidar", help=_SIMULATED + "kind of sensor.")
 ]
 Preset = Annotated[
-    str | None, typer.Option("--preset", metavar="NAME", help="Encoder preset; the preset of the data when absent.")
+    str | None,
+    typer.Option("--preset", metavar="NAME", help="Encoder preset; the preset of the data when absent."),
 ]
 Model = Annotated[
     Path | None, typer.Option("--model", metavar="MODEL", help="Trained model; the shipped one when absent.")
@@ -74,7 +79,10 @@ Frames = Annotated[
     str | None, typer.Option("--frames", metavar="1,4,7", help="Only these views of each turn of an object.")
 ]
 Against = Annotated[
-    Path, typer.Option("--against", metavar="FOLDER", help="One sub-folder of depth images per class, or the UW layout.")
+    Path,
+    typer.Option(
+        "--against", metavar="FOLDER", help="One sub-folder of depth images per class, or the UW layout."
+    ),
 ]
 
 

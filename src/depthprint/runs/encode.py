@@ -75,8 +75,12 @@ def run_encode(
     return EncodedSequence(path, sequence.name, len(encodings), streams, encoder.fingerprint)
 
 
-def _arrays(header: dict[str, object], encodings: Sequence[Encoding], n_streams: int) -> dict[str, npt.NDArray[np.generic]]:
-    arrays: dict[str, npt.NDArray[np.generic]] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+def _arrays(
+    header: dict[str, object], encodings: Sequence[Encoding], n_streams: int
+) -> dict[str, npt.NDArray[np.generic]]:
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    }
     for stream in range(n_streams):
         batch = SignatureBatch.stack([encoding.signatures[stream] for encoding in encodings])
         arrays[f"weights_{stream}"] = batch.weights

@@ -54,11 +54,15 @@ class DataSource:
             raise DataError(f"{self.path}: no such file or folder")
         from depthprint.datasets.registry import open_sequence
 
-        return every_kth(open_sequence(self.path, dataset=self.dataset_name, sequence=self.sequence), self.every)
+        return every_kth(
+            open_sequence(self.path, dataset=self.dataset_name, sequence=self.sequence), self.every
+        )
 
     def _simulate(self, progress: ProgressCallback | None) -> RangeSequence:
         if self.path is not None or self.sequence is not None:
-            raise SettingsError("the simulated street takes neither DATA nor --sequence; --poses gives its path")
+            raise SettingsError(
+                "the simulated street takes neither DATA nor --sequence; --poses gives its path"
+            )
         from depthprint.datasets.simulated_street import simulated_street
 
         return simulated_street(
@@ -81,7 +85,11 @@ class DataSource:
         }
         if simulated:
             values["poses"] = None if self.poses_file is None else str(self.poses_file)
-            values |= {"seed": self.seed, "cars_redrawn": self.cars_redrawn, "sensor": self.sensor or "stereo"}
+            values |= {
+                "seed": self.seed,
+                "cars_redrawn": self.cars_redrawn,
+                "sensor": self.sensor or "stereo",
+            }
         return values
 
 
