@@ -1,0 +1,43 @@
+"""Max-pooling of sparse codes over overlapping cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+__all__ = ["max_pool_cells"]
+
+
+@njit(cache=True)
+def max_pool_cells(
+    indptr: npt.NDArray[np.int64],
+    indices: npt.NDArray[np.int32],
+    coefficients: npt.NDArray[np.float64],
+    positions: npt.NDArray[np.float64],
+    centres: npt.NDArray[np.float64],
+    half_widths: npt.NDArray[np.float64],
+    n_atoms: int,
+    signed: bool,
+) -> npt.NDArray[np.float64]:
+    """Largest |coefficient| per atom and sign over the patches in each cell: (cells, 2 n_atoms)."""
+    n_cells = len(centres)
+    pooled = np.zeros((n_cells, 2 * n_atoms))
+    for patch in range(len(indptr) - 1):
+        for cell in range(n_cells):
+            inside = True
+            for axis in range(positions.shape[1]):
+                if abs(positions[patch, axis] - centres[cell, axis]) > half_widths[cell]:
+                    inside = False
+            if not inside:
+                continue
+            for entry in range(indptr[patch], indptr[patch + 1]):
+                value = coefficients[entry]
+                slot = indices[entry]
+                if value < 0:
+                    value = -value
+                    if signed:
+                        slot += n_atoms
+                if value > pooled[cell, slot]:
+                    pooled[cell, slot] = value
+    return pooled

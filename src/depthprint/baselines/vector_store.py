@@ -1,0 +1,46 @@
+"""A growing matrix of vectors, searched by brute force: what every vector method stores its places in."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.recognizer import PlaceMatch
+
+__all__ = ["VectorStore", "nearest_matches"]
+
+
+class VectorStore:
+    """Vectors of equal length in one float32 matrix that doubles when full."""
+
+    def __init__(self) -> None:
+        self._rows = np.empty((0, 0), dtype=np.float32)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, vector: npt.NDArray[np.float32]) -> int:
+        """Append a vector and return its number."""
+        flat = vector.reshape(-1)
+        if self._count == len(self._rows):
+            grown = np.empty((max(64, 2 * self._count), len(flat)), dtype=np.float32)
+            grown[: self._count] = self._rows[: self._count]
+            self._rows = grown
+        self._rows[self._count] = flat
+        self._count += 1
+        return self._count - 1
+
+    def rows(self, limit: int | None = None) -> npt.NDArray[np.float32]:
+        """The first ``limit`` vectors, (n, d)."""
+        return self._rows[: self._count if limit is None else max(0, min(limit, self._count))]
+
+
+def nearest_matches(
+    distances: npt.NDArray[np.floating], k: int, shifts: npt.NDArray[np.floating] | None = None
+) -> list[PlaceMatch]:
+    """The k smallest distances as matches; ties go to the older place."""
+    order = np.argsort(distances, kind="stable")[:k]
+    return [
+        PlaceMatch(int(i), float(distances[i]), None if shifts is None else float(shifts[i])) for i in order
+    ]

@@ -1,0 +1,89 @@
+"""Presets: the combinations of view, atoms and clusters that suit a sensor and a use."""
+
+from __future__ import annotations
+
+from depthprint.errors import SettingsError
+from depthprint.settings import EncoderSettings, PolarSettings, StreamSettings
+
+__all__ = ["PRESETS", "preset_settings"]
+
+
+def _literal() -> EncoderSettings:
+    """Table 1 as printed: 256 whole-image atoms of 96 x 96 raw depth, 20 of them a model."""
+    stream = StreamSettings(
+        view="raw-depth", atoms="image", n_nonzero=20, clusters="atoms", point_dims=0, position_weight=0.0, form="joint"
+    )
+    return EncoderSettings(name="literal", streams=(stream,))
+
+
+def _object() -> EncoderSettings:
+    common = {
+        "patch_shape": (8, 8), "stride": 2, "n_nonzero": 4, "clusters": "cells", "cells": (4, 3), "root": True,
+        "position_weight": 3.0, "depth_weight": 3.0, "masses": "balanced",
+    }  # fmt: skip
+    return EncoderSettings.parse(
+        {
+            "name": "object",
+            "streams": ({"view": "normals", **common}, {"view": "depth", "weight": 0.5, **common}),
+            "mirror": True,
+        }
+    )
+
+
+def _handheld() -> EncoderSettings:
+    common = {
+        "patch_shape": (8, 8), "stride": 2, "n_nonzero": 4, "clusters": "cells", "cells": (6,),
+        "position_weight": 3.0, "depth_weight": 3.0, "form": "steinhaus",
+    }  # fmt: skip
+    return EncoderSettings.parse(
+        {"name": "handheld", "streams": ({"view": "normals", **common}, {"view": "depth", **common})}
+    )
+
+
+def _street() -> EncoderSettings:
+    columns = {
+        "view": "polar", "patch_shape": (0, 4), "stride": 1, "n_nonzero": 5, "clusters": "patches", "point_dims": 20,
+        "position_weight": 2.0,
+    }  # fmt: skip
+    return EncoderSettings.parse(
+        {
+            "name": "street",
+            "streams": ({"channels": ("height",), **columns}, {"channels": ("low-count", "high-count"), **columns}),
+            "max_shift": 3,
+        }
+    )
+
+
+def _lidar() -> EncoderSettings:
+    columns = {
+        "view": "polar", "patch_shape": (0, 4), "stride": 2, "n_nonzero": 5, "clusters": "patches", "point_dims": 20,
+        "position_weight": 4.0,
+    }  # fmt: skip
+    return EncoderSettings.parse(
+        {
+            "name": "lidar",
+            "streams": ({"channels": ("height",), **columns}, {"channels": ("low-count", "high-count"), **columns}),
+            "polar": PolarSettings(sectors=60, full_circle=True),
+        }
+    )
+
+
+def _laser() -> EncoderSettings:
+    stream = {
+        "view": "polar", "channels": ("count", "line-cos", "line-sin"), "patch_shape": (0, 4), "stride": 1,
+        "n_nonzero": 5, "clusters": "patches", "point_dims": 20, "mass": "unit", "position_weight": 3.0,
+    }  # fmt: skip
+    return EncoderSettings.parse({"name": "laser", "streams": (stream,), "max_shift": 3})
+
+
+PRESETS = {
+    settings.name: settings for settings in (_literal(), _object(), _street(), _handheld(), _lidar(), _laser())
+}
+
+
+def preset_settings(name: str) -> EncoderSettings:
+    """Settings of a preset; an unknown name raises SettingsError listing those there are."""
+    try:
+        return PRESETS[name]
+    except KeyError:
+        raise SettingsError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}") from None

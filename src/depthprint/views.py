@@ -1,0 +1,150 @@
+"""Views: what of a range image is coded. RangeImage -> channels on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.polar_view import polar_view
+from depthprint.range_image import RangeImage
+from depthprint.resampling import fill_holes, resample
+from depthprint.settings import EncoderSettings, StreamSettings
+
+__all__ = ["View", "make_view"]
+
+Float32Array = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class View:
+    """Channels to code.
+
+    channels: (c, h, w) float32, zero where nothing is known.
+    support: (h, w) bool, true where the channels carry information.
+    depth: (h, w) float32 relative depth (0 outside the support), or None for a bird's-eye view.
+    """
+
+    channels: Float32Array
+    support: npt.NDArray[np.bool_]
+    depth: Float32Array | None = None
+
+
+def make_view(image: RangeImage, stream: StreamSettings, settings: EncoderSettings, mirror: bool = False) -> View:
+    """Compute the view that a stream codes; ``mirror`` flips it left to right first.
+
+    Raises DataError, naming the frame, when the image has no valid pixel.
+    """
+    image.require_returns()
+    if stream.view == "polar":
+        channels = polar_view(image, settings.polar, stream.channels)
+        if mirror:
+            channels = channels[:, :, ::-1]
+        return View(np.ascontiguousarray(channels), np.ones(channels.shape[1:], dtype=bool))
+    if stream.view == "raw-depth":
+        depth = fill_holes(resample(image, stream.size, stream.size).ranges_m)
+        if mirror:
+            depth = depth[:, ::-1]
+        channels = np.ascontiguousarray(depth[None], dtype=np.float32)
+        return View(channels, np.ones(depth.shape, dtype=bool), channels[0])
+    return _surface_view(image, stream, mirror)
+
+
+def _surface_view(image: RangeImage, stream: StreamSettings, mirror: bool) -> View:
+    """Relative depth or surface normals, of the masked object or of the whole frame, halved in size."""
+    if image.mask is None:
+        z, support, pixel = _frame_scene(image, stream.size)
+    else:
+        z, support, pixel = _frame_object(image, stream.size)
+    z = _smooth(z, support, stream.smoothing)
+    if mirror:
+        z, support, pixel = z[:, ::-1], support[:, ::-1], pixel[:, ::-1]
+    scale = _depth_scale(z, support, image.mask is not None, pixel)
+    relative = np.where(support, (np.median(z[support]) - z) / scale, 0.0)
+    if stream.view == "depth":
+        channels = relative[None]
+    else:
+        gy, gx = np.gradient(z)
+        normals = np.stack([gx / pixel, gy / pixel, np.ones_like(z)])
+        channels = normals / np.linalg.norm(normals, axis=0)
+        channels = np.where(support, channels, 0.0)
+    channels, relative, support = _halve(channels), _halve(relative[None])[0], _halve_mask(support)
+    return View(channels.astype(np.float32), support, relative.astype(np.float32))
+
+
+def _depth_scale(z: npt.NDArray[np.float64], support: npt.NDArray[np.bool_], is_object: bool, pixel: npt.NDArray[np.float64]) -> float:
+    """Extent of an object, or the median depth of a scene, in metres."""
+    if is_object:
+        return float(np.median(pixel[support])) * max(z.shape)
+    return float(np.median(z[support]))
+
+
+def _frame_scene(
+    image: RangeImage, size: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.float64]]:
+    small = resample(image, size, size)
+    support = small.valid
+    z = fill_holes(small.ranges_m).astype(np.float64)
+    return z, support, z * _pixel_angle(small)
+
+
+def _pixel_angle(image: RangeImage) -> float:
+    """Metres on the surface per pixel and metre of depth (mean of both axes)."""
+    projection = image.projection
+    fx = getattr(projection, "fx", None)
+    if fx is not None:
+        return 0.5 / float(fx) + 0.5 / float(projection.fy)  # type: ignore[union-attr]
+    return float(projection.horizontal_fov_rad) / projection.width
+
+
+def _frame_object(
+    image: RangeImage, size: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.float64]]:
+    """Crop to the mask's box, keep the aspect, centre it with a small margin."""
+    mask = image.mask & image.valid  # type: ignore[operator]
+    if not mask.any():
+        mask = image.valid
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    z = np.where(mask, image.ranges_m, np.nan)[top:bottom, left:right].astype(np.float64)
+    inside = np.asarray(image.mask)[top:bottom, left:right]
+    longest = size - 4
+    step = max(z.shape) / longest
+    height, width = (max(1, round(extent / step)) for extent in z.shape)
+    rows_at = np.minimum(((np.arange(height) + 0.5) * z.shape[0] / height).astype(int), z.shape[0] - 1)
+    columns_at = np.minimum(((np.arange(width) + 0.5) * z.shape[1] / width).astype(int), z.shape[1] - 1)
+    filled = fill_holes(z.astype(np.float32)).astype(np.float64)
+    framed = np.full((size, size), float(np.nanmedian(z)))
+    support = np.zeros((size, size), dtype=bool)
+    y0, x0 = (size - height) // 2, (size - width) // 2
+    framed[y0 : y0 + height, x0 : x0 + width] = filled[np.ix_(rows_at, columns_at)]
+    support[y0 : y0 + height, x0 : x0 + width] = inside[np.ix_(rows_at, columns_at)]
+    if not support.any():
+        support[y0 : y0 + height, x0 : x0 + width] = True
+    focal = float(getattr(image.projection, "fx", 1.0))
+    pixel = np.full((size, size), float(np.nanmedian(z)) * step / focal)
+    return framed, support, pixel
+
+
+def _smooth(
+    z: npt.NDArray[np.float64], support: npt.NDArray[np.bool_], sigma: float
+) -> npt.NDArray[np.float64]:
+    """Gaussian smoothing normalised by the support, so that nothing bleeds in from outside."""
+    if sigma <= 0:
+        return z
+    from scipy.ndimage import gaussian_filter
+
+    weight = gaussian_filter(support.astype(np.float64), sigma)
+    total = gaussian_filter(np.where(support, z, 0.0), sigma)
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), z)
+
+
+def _halve(channels: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    c, h, w = channels.shape
+    return channels[:, : h // 2 * 2, : w // 2 * 2].reshape(c, h // 2, 2, w // 2, 2).mean((2, 4))
+
+
+def _halve_mask(support: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    h, w = support.shape
+    return support[: h // 2 * 2, : w // 2 * 2].reshape(h // 2, 2, w // 2, 2).any((1, 3))
