@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from depthprint.dictionary import Dictionary
     from depthprint.dictionary_learning import learn_dictionary
     from depthprint.emd import EMDResult, difference_matrix
-    from depthprint.encoder import Encoder, load_shipped
+    from depthprint.encoder import Encoder
     from depthprint.errors import (
         ConvergenceError,
         DataError,
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
         SettingsError,
     )
     from depthprint.loop_closure import LoopClosureDetector, LoopResult, LoopStatus
-    from depthprint.methods import make_object_method, make_place_recognizer
+    from depthprint.object_methods import make_object_method
+    from depthprint.place_methods import load_shipped_encoder, make_place_recognizer
     from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
     from depthprint.range_image import RangeImage
     from depthprint.recognizer import PlaceMatch, PlaceRecognizer
@@ -87,7 +88,7 @@ __all__ = [
     "__version__",
     "difference_matrix",
     "learn_dictionary",
-    "load_shipped",
+    "load_shipped_encoder",
     "make_object_method",
     "make_place_recognizer",
     "open_objects",
@@ -103,7 +104,7 @@ _HOMES = {
     "depthprint.dictionary": ("Dictionary",),
     "depthprint.dictionary_learning": ("learn_dictionary",),
     "depthprint.emd": ("EMDResult", "difference_matrix"),
-    "depthprint.encoder": ("Encoder", "load_shipped"),
+    "depthprint.encoder": ("Encoder",),
     "depthprint.errors": (
         "ConvergenceError",
         "DataError",
@@ -114,7 +115,8 @@ _HOMES = {
         "SettingsError",
     ),
     "depthprint.loop_closure": ("LoopClosureDetector", "LoopResult", "LoopStatus"),
-    "depthprint.methods": ("make_object_method", "make_place_recognizer"),
+    "depthprint.object_methods": ("make_object_method",),
+    "depthprint.place_methods": ("load_shipped_encoder", "make_place_recognizer"),
     "depthprint.projection": ("LaserRow", "Pinhole", "Projection", "Spherical"),
     "depthprint.range_image": ("RangeImage",),
     "depthprint.recognizer": ("PlaceMatch", "PlaceRecognizer"),

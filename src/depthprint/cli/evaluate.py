@@ -14,7 +14,7 @@ from depthprint.cli.progress import progress_bars
 __all__ = ["app"]
 
 app = typer.Typer(
-    help="Measure methods by the protocols of docs/evaluation.md.",
+    help="Measure methods, all by the same protocol.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

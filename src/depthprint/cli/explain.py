@@ -23,7 +23,7 @@ def explain(
     from depthprint.runs import run_explain
 
     explained = run_explain(first, second, out, preset=preset, model=model)
-    typer.echo(f"distance {explained.distance:.4f} (0 equal, 1 nothing in common)")
+    typer.echo(f"distance {explained.distance:.4f} (0 for an image and itself)")
     for stream in explained.streams:
         typer.echo(
             f"{stream.name}: distance {stream.distance:.4f}, weight {stream.weight:g}, EMD {stream.emd:.4f}, "

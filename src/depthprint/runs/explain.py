@@ -43,7 +43,7 @@ def run_explain(
     from depthprint.complexity import emd_complexity
     from depthprint.emd import emd
     from depthprint.encoder import ground_distance
-    from depthprint.ncd import NCD_FORMS
+    from depthprint.ncd import FORMS
     from depthprint.runs.loop_figures import draw_pair_flow
 
     images = read_view(first), read_view(second)
@@ -60,11 +60,11 @@ def run_explain(
         ground = ground_distance(stream, encoder.settings)
         offset = None if shifts is None else shifts[number][shift]
         moved = emd(p, q, masses=stream.masses, ground=ground, shift=offset).value
-        complexities = emd_complexity(p, ground), emd_complexity(q, ground)
+        complexities = tuple(emd_complexity(s, ground, masses=stream.masses) for s in (p, q))
         streams.append(
             ExplainedStream(
                 name=f"{stream.view} {'+'.join(stream.channels)}".strip(),
-                distance=float(NCD_FORMS[stream.form](moved, *complexities)),
+                distance=float(FORMS[stream.form](moved, *complexities)),
                 weight=stream.weight,
                 emd=float(moved),
                 complexity_first=float(complexities[0]),
