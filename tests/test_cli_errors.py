@@ -29,7 +29,12 @@ def png_bytes(values: npt.NDArray[np.generic]) -> bytes:
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
     header = struct.pack(">IIBBBBB", values.shape[1], values.shape[0], depth, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(raw))
+        + chunk(b"IEND", b"")
+    )
 
 
 def depth_mm(seed: int) -> npt.NDArray[np.uint16]:
@@ -115,7 +120,9 @@ def single_frame(folder: Path) -> str:
 @pytest.mark.parametrize(
     "damage", [empty, truncated, eight_bit, all_invalid, too_few_poses, nan_pose, single_frame]
 )
-def test_loops_refuse_a_damaged_recording(damage: Callable[[Path], str], recording: Path, tmp_path: Path) -> None:
+def test_loops_refuse_a_damaged_recording(
+    damage: Callable[[Path], str], recording: Path, tmp_path: Path
+) -> None:
     word = damage(recording)
     assert_refused(run("loops", recording, "--gap", 2, "-o", tmp_path / "out"), word)
     assert_nothing_written(tmp_path, "recording")
@@ -165,7 +172,9 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_a_model_of_other_settings_is_refused(recording: Path, model: Path, tmp_path: Path) -> None:
-    outcome = run("loops", recording, "--preset", "literal", "--model", model, "--gap", 2, "-o", tmp_path / "out")
+    outcome = run(
+        "loops", recording, "--preset", "literal", "--model", model, "--gap", 2, "-o", tmp_path / "out"
+    )
     assert_refused(outcome, "model.npz", "literal", "handheld")
     assert_nothing_written(tmp_path, "model.npz", "recording")
 
@@ -198,11 +207,20 @@ def test_a_dictionary_cut_in_half_is_refused(tmp_path: Path) -> None:
         (("loops", "{tmp}/nowhere", "-o", "{tmp}/out"), ("nowhere",)),
         (("loops", "-o", "{tmp}/out"), ("DATA", "simulated-street")),
         (("loops", "{tmp}/recording", "--dataset", "no-such", "-o", "{tmp}/out"), ("no_such",)),
-        (("loops", "{tmp}/recording", "--preset", "no-such", "--gap", "2", "-o", "{tmp}/out"), ("no-such", "handheld")),
+        (
+            ("loops", "{tmp}/recording", "--preset", "no-such", "--gap", "2", "-o", "{tmp}/out"),
+            ("no-such", "handheld"),
+        ),
         (("loops", "{tmp}/recording", "--gap", "50", "-o", "{tmp}/out"), ("12 frames", "50")),
-        (("loops", "{tmp}/recording", "--sensor", "lidar", "-o", "{tmp}/out"), ("--sensor", "simulated-street")),
+        (
+            ("loops", "{tmp}/recording", "--sensor", "lidar", "-o", "{tmp}/out"),
+            ("--sensor", "simulated-street"),
+        ),
         (("loops", "{tmp}/recording", "--threshold", "nan", "-o", "{tmp}/out"), ("threshold",)),
-        (("loops", "{tmp}/recording", "--model", "{tmp}/none.npz", "--gap", "2", "-o", "{tmp}/out"), ("none.npz",)),
+        (
+            ("loops", "{tmp}/recording", "--model", "{tmp}/none.npz", "--gap", "2", "-o", "{tmp}/out"),
+            ("none.npz",),
+        ),
         (("loops", "{tmp}/recording", "--dataset", "simulated-street", "-o", "{tmp}/out"), ("DATA",)),
         (("loops", "--dataset", "simulated-street", "--sensor", "sonar", "-o", "{tmp}/out"), ("sonar",)),
         (("simulate", "--dataset", "generic", "-o", "{tmp}/out"), ("generic",)),
@@ -234,7 +252,13 @@ def test_a_folder_of_other_files_is_not_overwritten(recording: Path, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "arguments", [("loops",), ("loops", "x", "--no-such-option"), ("no-such-verb",), ("loops", "x", "--gap", "-1", "-o", "y")]
+    "arguments",
+    [
+        ("loops",),
+        ("loops", "x", "--no-such-option"),
+        ("no-such-verb",),
+        ("loops", "x", "--gap", "-1", "-o", "y"),
+    ],
 )
 def test_wrong_usage_ends_with_status_2(arguments: tuple[str, ...]) -> None:
     status, _, stderr = run(*arguments)
@@ -254,7 +278,18 @@ def test_help_names_every_verb() -> None:
 
 
 @pytest.mark.parametrize(
-    "verb", ["demo", "train", "encode", "loops", "classify", "evaluate loops", "evaluate objects", "simulate", "explain"]
+    "verb",
+    [
+        "demo",
+        "train",
+        "encode",
+        "loops",
+        "classify",
+        "evaluate loops",
+        "evaluate objects",
+        "simulate",
+        "explain",
+    ],
 )
 def test_every_verb_explains_itself(verb: str) -> None:
     status, stdout, _ = run(*verb.split(), "--help")

@@ -47,7 +47,9 @@ def test_importing_the_package_pulls_in_nothing_heavy() -> None:
 
 
 def test_a_range_image_needs_no_compiler_and_no_plotting() -> None:
-    loaded = modules_after("import depthprint; depthprint.RangeImage; depthprint.Signature; depthprint.DataError")
+    loaded = modules_after(
+        "import depthprint; depthprint.RangeImage; depthprint.Signature; depthprint.DataError"
+    )
     assert not {"numba", "matplotlib", "cv2", "sklearn", "trimesh"} & loaded
 
 
@@ -99,7 +101,9 @@ def constrained_names() -> set[str]:
 def test_every_declared_dependency_is_pinned() -> None:
     text = (ROOT / "pyproject.toml").read_text()
     lists = re.findall(r"^(?:dependencies|zstd|test|dev) = \[(.*?)\]", text, re.DOTALL | re.MULTILINE)
-    asked = {name.lower() for block in lists for name in re.findall(r'"([A-Za-z][\w.-]*)', block)} - {"depthprint"}
+    asked = {name.lower() for block in lists for name in re.findall(r'"([A-Za-z][\w.-]*)', block)} - {
+        "depthprint"
+    }
     assert len(asked) > 10
     assert asked <= constrained_names()
 
@@ -125,7 +129,9 @@ def test_what_is_installed_is_what_is_pinned() -> None:
     assert not wrong
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+)
 def test_links_between_pages_lead_somewhere(page: str) -> None:
     path = ROOT / page
     for target in re.findall(r"\]\(([^)#]+)\)", path.read_text()):

@@ -15,18 +15,38 @@ from depthprint.errors import DepthprintError
 __all__ = ["app", "main"]
 
 
+class _Notices(logging.Handler):
+    """Keeps what the package logs until the command has ended well: an error then stands alone on stderr."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.lines: dict[str, None] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines[f"depthprint: note: {record.getMessage()}"] = None
+
+
 class _OneLineErrors(TyperGroup):
-    """An error raised on purpose ends the command with one line on stderr and status 2; a crash keeps its traceback."""
+    """An error raised on purpose ends the command with one line on stderr and status 2; a crash, with a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
+        notices = _Notices()
+        logger = logging.getLogger("depthprint")
+        logger.addHandler(notices)
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
         except DepthprintError as error:
             reason = str(error)
         except OSError as error:
             if error.filename is None:
                 raise
             reason = f"{error.filename}: {error.strerror}"
+        else:
+            for line in notices.lines:
+                typer.echo(line, err=True)
+            return result
+        finally:
+            logger.removeHandler(notices)
         typer.echo(f"depthprint: error: {' '.join(reason.split())}", err=True)
         raise typer.Exit(2)
 
@@ -34,7 +54,6 @@ class _OneLineErrors(TyperGroup):
 app = typer.Typer(
     name="depthprint",
     cls=_OneLineErrors,
-    help="Recognise places and objects from depth alone.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -67,7 +86,7 @@ def _root(
         ),
     ] = False,
 ) -> None:
-    logging.basicConfig(format="depthprint: %(levelname)s: %(message)s", level=logging.WARNING)
+    """Recognise places and objects from depth alone."""
 
 
 def main() -> None:

@@ -45,7 +45,10 @@ Sequence = Annotated[
 ]
 Every = Annotated[int, typer.Option("--every", min=1, metavar="K", help="Take every K-th frame.")]
 Poses = Annotated[
-    Path | None, typer.Option("--poses", metavar="FILE", help=_SIMULATED + "KITTI pose file to drive along.")
+    Path | None,
+    typer.Option(
+        "--poses", metavar="FILE", help="Pose file: the path to drive along when simulated, else of DATA."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, metavar="N", help="Seed of everything random.")]
 CarsRedrawn = Annotated[
@@ -59,7 +62,12 @@ CarsRedrawn = Annotated[
     ),
 ]
 Sensor = Annotated[
-    str | None, typer.Option("--sensor", metavar="stereo|kinect|lidar", help=_SIMULATED + "kind of sensor.")
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="stereo|kinect|lidar",
+        help="Kind of sensor when simulated; stereo or lidar of KITTI.",
+    ),
 ]
 Preset = Annotated[
     str | None,

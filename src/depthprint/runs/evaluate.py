@@ -39,7 +39,9 @@ def run_evaluate_loops(
 
     sequence = truth_with_gap(source.open(stages("make the world")), gap)
     if sequence.poses is None:
-        raise DataError(f"{sequence.name}: expected poses to score with, found none; 'depthprint loops' needs none")
+        raise DataError(
+            f"{sequence.name}: expected poses to score with, found none; 'depthprint loops' needs none"
+        )
     name, encoder = choose_model(model, preset, sequence.preset)
     recognizers = {method: make_place_recognizer(method, name, encoder) for method in methods}
     settings = {
@@ -121,7 +123,11 @@ def run_evaluate_objects(
 
 
 def _best(results: dict[str, Any], metric: str, words: str, data: str) -> str:
-    scored = {name: figures[metric] for name, figures in results["methods"].items() if figures[metric] == figures[metric]}
+    scored = {
+        name: figures[metric]
+        for name, figures in results["methods"].items()
+        if figures[metric] == figures[metric]
+    }
     if not scored:
         return f"On {data} there is nothing to score: no place is visited twice."
     best = max(scored, key=lambda name: scored[name])

@@ -17,7 +17,7 @@ __all__ = ["describe_file", "describe_installation"]
 
 def describe_installation() -> dict[str, str]:
     """Versions of depthprint and what computes for it, and the names of presets, data sets and methods."""
-    from depthprint.datasets.registry import DATASETS
+    from depthprint.datasets.registry import OBJECT_SETS, SEQUENCES
     from depthprint.object_methods import OBJECT_METHODS
     from depthprint.place_methods import PLACE_METHODS
     from depthprint.presets import PRESETS
@@ -25,7 +25,7 @@ def describe_installation() -> dict[str, str]:
 
     facts = versions()
     facts["presets"] = ", ".join(PRESETS)
-    facts["data sets"] = ", ".join(sorted(DATASETS))
+    facts["data sets"] = ", ".join(sorted({*SEQUENCES, *OBJECT_SETS}))
     facts["methods for loops"] = ", ".join(PLACE_METHODS)
     facts["methods for objects"] = ", ".join(OBJECT_METHODS)
     return facts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,10 @@ from depthprint.datasets.base import RangeSequence
 from depthprint.errors import DataError, SettingsError
 from depthprint.runs.stages import ProgressCallback
 
-__all__ = ["DataSource", "every_kth", "spread"]
+__all__ = ["DataSource", "spread"]
 
 _SIMULATED = "simulated_street"
+_KITTI_SOURCES = {"stereo": "stereo", "lidar": "velodyne"}
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,9 @@ class DataSource:
     """A path, or the name of a simulated data set, with the options that belong to it.
 
     dataset: registry name, '-' and '_' alike; guessed from the path when None. sequence: of a data set with several.
-    every: take every k-th frame. seed, poses_file, cars_redrawn, sensor: of the simulated street.
+    every: take every k-th frame. poses_file: path to drive along when simulated, else the poses of a plain folder.
+    sensor: 'stereo', 'kinect' or 'lidar' when simulated; 'stereo' or 'lidar' of KITTI. seed, cars_redrawn: of the
+    simulated street.
     """
 
     path: Path | None = None
@@ -42,27 +45,36 @@ class DataSource:
 
         Raises SettingsError when options contradict each other, DataError when there is nothing to read.
         """
-        if self.every < 1:
-            raise SettingsError(f"every: expected a number >= 1, got {self.every}")
         if self.dataset_name == _SIMULATED:
             return self._simulate(progress)
-        if self.sensor is not None or self.poses_file is not None:
-            raise SettingsError("--sensor and --poses belong to --dataset simulated-street")
         if self.path is None:
             raise SettingsError("expected DATA, a file or folder of depth, or --dataset simulated-street")
-        if not self.path.exists():
-            raise DataError(f"{self.path}: no such file or folder")
-        from depthprint.datasets.registry import open_sequence
+        from depthprint.datasets.registry import guess_dataset, open_sequence
 
-        return every_kth(
-            open_sequence(self.path, dataset=self.dataset_name, sequence=self.sequence), self.every
-        )
+        dataset = self.dataset_name or guess_dataset(self.path)
+        options: dict[str, Any] = {} if self.every == 1 else {"every": self.every}
+        if self.poses_file is not None:
+            if dataset != "generic":
+                raise SettingsError(
+                    f"--poses belongs to a plain folder or to --dataset simulated-street, not {dataset}"
+                )
+            options["poses"] = self.poses_file
+        if self.sensor is not None:
+            if dataset != "kitti_odometry" or self.sensor not in _KITTI_SOURCES:
+                raise SettingsError(
+                    f"--sensor: expected --dataset simulated-street, or stereo or lidar of KITTI, "
+                    f"got {self.sensor!r} for {dataset}"
+                )
+            options["source"] = _KITTI_SOURCES[self.sensor]
+        return open_sequence(self.path, dataset=dataset, sequence=self.sequence, **options)
 
     def _simulate(self, progress: ProgressCallback | None) -> RangeSequence:
         if self.path is not None or self.sequence is not None:
             raise SettingsError(
                 "the simulated street takes neither DATA nor --sequence; --poses gives its path"
             )
+        if self.poses_file is not None and not self.poses_file.is_file():
+            raise DataError(f"{self.poses_file}: no such pose file")
         from depthprint.datasets.simulated_street import simulated_street
 
         return simulated_street(
@@ -76,37 +88,21 @@ class DataSource:
 
     def settings(self) -> dict[str, Any]:
         """Plain values for settings.json."""
-        simulated = self.dataset_name == _SIMULATED
         values: dict[str, Any] = {
             "path": None if self.path is None else str(self.path),
             "dataset": self.dataset_name,
             "sequence": self.sequence,
             "every": self.every,
+            "poses": None if self.poses_file is None else str(self.poses_file),
+            "sensor": self.sensor,
         }
-        if simulated:
-            values["poses"] = None if self.poses_file is None else str(self.poses_file)
+        if self.dataset_name == _SIMULATED:
             values |= {
                 "seed": self.seed,
                 "cars_redrawn": self.cars_redrawn,
                 "sensor": self.sensor or "stereo",
             }
         return values
-
-
-def every_kth(sequence: RangeSequence, k: int) -> RangeSequence:
-    """Keep frames 0, k, 2k, ...; the gap of the ground truth shrinks along, rounded up."""
-    if k == 1:
-        return sequence
-    kept = range(0, len(sequence), k)
-    read = sequence.read
-    return replace(
-        sequence,
-        name=f"{sequence.name}, every {k}",
-        read=lambda index: read(kept[index]),
-        length=len(kept),
-        poses=None if sequence.poses is None else sequence.poses[kept.start :: k],
-        truth=replace(sequence.truth, gap=-(-sequence.truth.gap // k)),
-    )
 
 
 def spread(n: int, most: int) -> list[int]:
