@@ -111,8 +111,17 @@ def run_evaluate_objects(
         run.write_json("results.json", results)
         run.write_csv("metrics.csv", *metric_rows(results))
         run.write_csv("predictions.csv", *object_rows(evaluation))
-        drawn = [draw_confusion_matrix(evaluation, method, run.figure(f"confusion-{method.name}"))
-                 for method in evaluation.methods]  # fmt: skip
+        drawn = [
+            draw_confusion_matrix(
+                evaluation.confusion(method),
+                evaluation.categories,
+                run.figure(f"confusion-{method.name}"),
+                method=method.name,
+                data=objects.name,
+                simulated=objects.simulated,
+            )
+            for method in evaluation.methods
+        ]
     return RunSummary(
         folder=out,
         figures=tuple(out / "figures" / path.name for path in drawn),

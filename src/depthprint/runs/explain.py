@@ -71,6 +71,6 @@ def run_explain(
                 complexity_second=float(complexities[1]),
             )
         )
-    figure = draw_pair_flow(encoder, images, (a, b), shift, out)
+    figure = draw_pair_flow(encoder, images, (a, b), out, titles=(first.name, second.name))
     total = sum(stream.weight for stream in streams)
     return Explanation(float(distance) / total, tuple(streams), figure)

@@ -18,7 +18,6 @@ from depthprint.runs.stages import RunSummary, Stages, silent
 from depthprint.runs.threshold import agreement_threshold
 
 if TYPE_CHECKING:
-    from depthprint.encoder import Encoder
     from depthprint.evaluation.ground_truth import TruthMatrix
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
 
@@ -189,14 +188,3 @@ def _sentence(sequence: RangeSequence, found: FoundLoops) -> str:
     true, false = (sum(r.outcome == value for r in loops) for value in (1, -1))
     to_find = sum(r.has_positive for r in found.records)
     return first + f": by the poses {true} are right, {false} wrong, and there were {to_find} to find."
-
-
-def best_loop(found: FoundLoops) -> LoopRecord | None:
-    """The surest loop; where nothing was accepted, the nearest match."""
-    matched = found.loops or tuple(r for r in found.records if r.match >= 0)
-    return min(matched, key=lambda r: r.distance) if matched else None
-
-
-def frame_encodings(sequence: RangeSequence, encoder: Encoder, frames: Sequence[int]) -> list[Any]:
-    """Encode some frames."""
-    return [encoder.describe(sequence[frame]) for frame in frames]
