@@ -6,10 +6,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from depthprint.runs.models import require_model
 from depthprint.runs.source import DataSource
@@ -75,12 +74,8 @@ def run_encode(
     return EncodedSequence(path, sequence.name, len(encodings), streams, encoder.fingerprint)
 
 
-def _arrays(
-    header: dict[str, object], encodings: Sequence[Encoding], n_streams: int
-) -> dict[str, npt.NDArray[np.generic]]:
-    arrays: dict[str, npt.NDArray[np.generic]] = {
-        "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    }
+def _arrays(header: dict[str, object], encodings: Sequence[Encoding], n_streams: int) -> dict[str, Any]:
+    arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
     for stream in range(n_streams):
         batch = SignatureBatch.stack([encoding.signatures[stream] for encoding in encodings])
         arrays[f"weights_{stream}"] = batch.weights
