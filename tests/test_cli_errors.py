@@ -3,66 +3,22 @@
 from __future__ import annotations
 
 import shutil
-import struct
-import zlib
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
-from typer.testing import CliRunner
 
+from cli_support import HEIGHT, WIDTH, depth_mm, png_bytes, run, write_recording
 from depthprint import __version__
-from depthprint.cli.main import app
-
-WIDTH, HEIGHT = 64, 48
-
-
-def png_bytes(values: npt.NDArray[np.generic]) -> bytes:
-    """A grey PNG written by hand, so that the reader under test has a writer of another origin."""
-    depth = values.dtype.itemsize * 8
-    rows = values.astype(values.dtype.newbyteorder(">"))
-    raw = b"".join(b"\0" + row.tobytes() for row in rows)
-
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    header = struct.pack(">IIBBBBB", values.shape[1], values.shape[0], depth, 0, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(raw))
-        + chunk(b"IEND", b"")
-    )
-
-
-def depth_mm(seed: int) -> npt.NDArray[np.uint16]:
-    """A room-like depth image: a sloping wall with boxes in front."""
-    rng = np.random.default_rng(seed)
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
-    depth = 2500 + 8.0 * u * rng.uniform(-1, 1) + 10.0 * v * rng.uniform(-1, 1)
-    for _ in range(4):
-        left, top = rng.integers(0, WIDTH - 16), rng.integers(0, HEIGHT - 16)
-        depth[top : top + 16, left : left + 16] = rng.uniform(800, 1800)
-    return depth.astype(np.uint16)
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Twelve frames without poses."""
-    folder = tmp_path / "recording"
-    folder.mkdir()
-    for number in range(12):
-        (folder / f"{number:03d}.png").write_bytes(png_bytes(depth_mm(number)))
-    return folder
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result.exit_code, result.stdout, result.stderr
+    return write_recording(tmp_path / "recording", list(range(12)))
 
 
 def assert_refused(outcome: tuple[int, str, str], *words: str) -> None:
@@ -295,3 +251,21 @@ def test_every_verb_explains_itself(verb: str) -> None:
     status, stdout, _ = run(*verb.split(), "--help")
     assert status == 0
     assert "--out" in stdout or verb == "classify"
+
+
+def test_an_error_is_all_that_a_real_process_says(recording: Path, tmp_path: Path) -> None:
+    word = truncated(recording)
+    command = [
+        sys.executable,
+        "-m",
+        "depthprint",
+        "loops",
+        str(recording),
+        "--gap",
+        "2",
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert_refused((done.returncode, done.stdout, done.stderr), word)
+    assert done.stdout == ""
