@@ -12,7 +12,7 @@ from depthprint.runs.loops import FoundLoops, run_loops
 from depthprint.runs.simulate import SimulatedRecording, run_simulate
 from depthprint.runs.source import DataSource
 from depthprint.runs.stages import ProgressCallback, RunSummary, Stages, silent
-from depthprint.runs.threshold import agreement_threshold
+from depthprint.runs.threshold import background_threshold
 from depthprint.runs.train import TrainedModel, run_train
 
 __all__ = [
@@ -27,7 +27,7 @@ __all__ = [
     "SimulatedRecording",
     "Stages",
     "TrainedModel",
-    "agreement_threshold",
+    "background_threshold",
     "describe_file",
     "describe_installation",
     "run_classify",

@@ -9,22 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.datasets.base import RangeSequence
-from depthprint.runs.source import spread
-from depthprint.runs.stages import Stages
 
 if TYPE_CHECKING:
     from depthprint.encoder import Encoder, Encoding
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
     from depthprint.range_image import RangeImage
     from depthprint.run_folder import RunFolder
-    from depthprint.runs.loops import FoundLoops
+    from depthprint.runs.loops import FoundLoops, SampledDistances
+    from depthprint.settings import StreamSettings
     from depthprint.signature import Signature
     from depthprint.visualization.flow import PlacedClusters
 
 __all__ = ["draw_evaluation_figures", "draw_loop_figures", "draw_pair_flow"]
 
-# Frames in the difference matrix: every one is an EMD against every other.
-_MATRIX_FRAMES = 200
+FloatArray = npt.NDArray[np.float64]
 
 
 def draw_loop_figures(
@@ -33,7 +31,7 @@ def draw_loop_figures(
     encoder: Encoder,
     evaluation: LoopEvaluation,
     found: FoundLoops,
-    stages: Stages,
+    sample: SampledDistances,
 ) -> list[Path]:
     """Draw what there is to draw: path with poses, precision and recall with truth, the rest always."""
     from depthprint.visualization.atoms import draw_atoms
@@ -46,7 +44,7 @@ def draw_loop_figures(
         drawn.append(_draw_path(run, sequence, evaluation, found))
         if evaluation.truth.has_positive.any():
             drawn.append(_draw_precision_recall(run, evaluation))
-    drawn.append(_draw_differences(run, sequence, encoder, stages, method.name))
+    drawn.append(_draw_differences(run, sequence, sample, method.name))
     best = _best_loop(found)
     if best is not None:
         images = sequence[best.query], sequence[best.match]
@@ -73,9 +71,8 @@ def draw_loop_figures(
             )
         )
     for number, stream in enumerate(encoder.streams):
-        drawn.append(
-            draw_atoms(stream.dictionary.atoms, run.figure(f"atoms-{number}"), data="the model's own data")
-        )
+        pictures = _atom_pictures(stream.dictionary.atoms, encoder.settings.streams[number])
+        drawn.append(draw_atoms(pictures, run.figure(f"atoms-{number}"), data="the model's own data"))
     return drawn
 
 
@@ -163,11 +160,23 @@ def _placed(encoder: Encoder, image: RangeImage, signature: Signature, title: st
     return PlacedClusters(picture, places * (width, height) - 0.5, weights, title)
 
 
-def _spread_evenly(n: int) -> npt.NDArray[np.float64]:
+def _spread_evenly(n: int) -> FloatArray:
     """Places on a grid for atoms of the whole image, which have none of their own."""
     side = max(1, int(np.ceil(np.sqrt(n))))
     numbers = np.arange(n)
     return (np.stack([numbers % side, numbers // side], axis=1) + 0.5) / side
+
+
+def _atom_pictures(atoms: FloatArray, stream: StreamSettings) -> FloatArray:
+    """Atoms as pictures (k, h, w, c); a coded vector holds one channel after the other."""
+    channels = {"normals": 3, "polar": len(stream.channels)}.get(stream.view, 1)
+    pixels = atoms.shape[1] // channels
+    if stream.atoms == "image":
+        height, width = stream.size, pixels // stream.size
+    else:
+        height, width = stream.patch_shape
+        height, width = height or pixels // width, width or pixels // height
+    return np.moveaxis(atoms.reshape(len(atoms), channels, height, width), 1, 3)
 
 
 def _draw_path(
@@ -198,26 +207,18 @@ def _draw_precision_recall(run: RunFolder, evaluation: LoopEvaluation) -> Path:
     )
 
 
-def _draw_differences(
-    run: RunFolder, sequence: RangeSequence, encoder: Encoder, stages: Stages, method: str
-) -> Path:
-    from depthprint.object_distances import complexity_distances
+def _draw_differences(run: RunFolder, sequence: RangeSequence, sample: SampledDistances, method: str) -> Path:
     from depthprint.visualization.difference_matrix import draw_difference_matrix
 
-    frames = spread(len(sequence), _MATRIX_FRAMES)
-    progress = stages("difference matrix")
-    encodings = []
-    for done, frame in enumerate(frames):
-        encodings.append(encoder.describe(sequence[frame]))
-        progress(done + 1, len(frames))
-    thinned = "" if len(frames) == len(sequence) else f", {len(frames)} of {len(sequence)} frames"
+    n = len(sample.frames)
+    thinned = "" if n == len(sequence) else f", {n} of {len(sequence)} frames"
     return draw_difference_matrix(
-        complexity_distances(encoder, encodings),
+        sample.distances,
         run.figure("difference-matrix"),
         method=method,
         data=sequence.name + thinned,
         simulated=sequence.simulated,
-        label="normalised information distance",
+        label="information distance",
     )
 
 

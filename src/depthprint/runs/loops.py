@@ -9,21 +9,33 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthprint.datasets.base import RangeSequence
 from depthprint.errors import DataError, SettingsError
 from depthprint.runs.models import require_model
-from depthprint.runs.source import DataSource
+from depthprint.runs.source import DataSource, spread
 from depthprint.runs.stages import RunSummary, Stages, silent
-from depthprint.runs.threshold import agreement_threshold
+from depthprint.runs.threshold import background_threshold
 
 if TYPE_CHECKING:
+    from depthprint.encoder import Encoder
     from depthprint.evaluation.ground_truth import TruthMatrix
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
 
-__all__ = ["FoundLoops", "run_loops", "truth_with_gap"]
+__all__ = ["FoundLoops", "SampledDistances", "run_loops", "sample_distances", "truth_with_gap"]
 
 METHOD = "emd"
+# Frames whose distances are all taken, for the threshold and the figure: every pair costs EMDs.
+_SAMPLED_FRAMES = 200
+
+
+@dataclass(frozen=True)
+class SampledDistances:
+    """Distances (n, n) float64 between some frames, whose numbers are ``frames`` (n,) int64."""
+
+    frames: npt.NDArray[np.int64]
+    distances: npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,7 +69,7 @@ def run_loops(
 ) -> RunSummary:
     """Compare each frame with those more than ``gap`` frames older, and write loops, scores and figures to ``out``.
 
-    A match is a loop when its distance is at most ``threshold``; None sets it by ``agreement_threshold``. With poses
+    A match is a loop when its distance is at most ``threshold``; None sets it by ``background_threshold``. With poses
     the loops are scored by the query-wise protocol; without, results.json holds none. Raises DataError when the
     recording is too short for the gap, and as its parts do; the folder appears only when all ended well.
     """
@@ -85,11 +97,12 @@ def run_loops(
         evaluation = evaluate_loops(
             sequence, {METHOD: recognizer}, truth, seed=seed, progress=stages("find loops")
         )
-        found = _decide(evaluation.methods[0].records, threshold)
+        sample = sample_distances(sequence, encoder, stages)
+        found = _decide(evaluation.methods[0].records, threshold, sample, sequence.truth.gap)
         results = _report(sequence, evaluation, found, settings)
         run.write_json("results.json", results)
         run.write_csv("loops.csv", *_rows(found, scored=sequence.poses is not None))
-        drawn = draw_loop_figures(run, sequence, encoder, evaluation, found, stages)
+        drawn = draw_loop_figures(run, sequence, encoder, evaluation, found, sample)
     return RunSummary(
         folder=out,
         figures=tuple(out / "figures" / path.name for path in drawn),
@@ -123,12 +136,30 @@ def _truth(sequence: RangeSequence, stages: Stages) -> TruthMatrix:
     return TruthMatrix(unknown, sequence.truth.gap, "none: poses are not known")
 
 
-def _decide(records: Sequence[LoopRecord], threshold: float | None) -> FoundLoops:
+def sample_distances(sequence: RangeSequence, encoder: Encoder, stages: Stages) -> SampledDistances:
+    """All distances between at most 200 frames, evenly spread."""
+    from depthprint.object_distances import complexity_distances
+
+    frames = spread(len(sequence), _SAMPLED_FRAMES)
+    progress = stages("compare a sample")
+    encodings = []
+    for done, frame in enumerate(frames):
+        encodings.append(encoder.describe(sequence[frame]))
+        progress(done + 1, len(frames))
+    return SampledDistances(np.array(frames, dtype=np.int64), complexity_distances(encoder, encodings))
+
+
+def _decide(
+    records: Sequence[LoopRecord], threshold: float | None, sample: SampledDistances, gap: int
+) -> FoundLoops:
     if threshold is not None:
         return FoundLoops(tuple(records), threshold, "given")
-    matched = [record for record in records if record.match >= 0]
-    learned = agreement_threshold([r.match for r in matched], [r.distance for r in matched])
-    return FoundLoops(tuple(records), learned, "agreement of neighbouring matches")
+    far = sample.frames[:, None] - sample.frames[None, :] > gap
+    learned = None
+    if far.sum() > 1:
+        candidates = float(np.mean([record.query - gap for record in records]))
+        learned = background_threshold(sample.distances[far], candidates)
+    return FoundLoops(tuple(records), learned, "spread of the distances of frames far apart in time")
 
 
 def _report(

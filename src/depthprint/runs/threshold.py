@@ -1,4 +1,4 @@
-"""A threshold for a finished drive whose truth is unknown, from how well neighbouring answers agree."""
+"""A threshold for a finished drive whose truth is unknown, from how distances of different places spread."""
 
 from __future__ import annotations
 
@@ -7,46 +7,37 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 
-__all__ = ["agreement", "agreement_threshold"]
+__all__ = ["background_threshold"]
+
+_BELOW_ONE_SIGMA = 0.15865525393145707
 
 
-def agreement(matches: npt.ArrayLike, window: int = 5) -> npt.NDArray[np.bool_]:
-    """Whether each query's match lies within ``window`` frames of the match of the query before or after it.
-
-    matches: (q,) place numbers of consecutive queries. A true return is driven for several frames, forwards or
-    backwards, so its matches run along; a chance resemblance seldom does. Returns (q,) bool.
-    """
-    places = np.asarray(matches, dtype=np.int64)
-    if places.ndim != 1:
-        raise DataError(f"agreement: expected matches (q,), got shape {places.shape}")
-    near = np.abs(np.diff(places)) <= window
-    agrees = np.zeros(len(places), dtype=bool)
-    agrees[1:] |= near
-    agrees[:-1] |= near
-    return agrees
-
-
-def agreement_threshold(
-    matches: npt.ArrayLike, distances: npt.ArrayLike, *, window: int = 5, share: float = 0.95
+def background_threshold(
+    distances: npt.ArrayLike, candidates: float, *, false_per_query: float = 0.1
 ) -> float | None:
-    """Largest distance up to which at least ``share`` of the matches agree with a neighbour's; None if there is none.
+    """Distance that a query without a true match is expected to undercut with about this chance.
 
-    matches, distances: (q,) best place and its distance of consecutive queries. A rule of thumb for drives without
-    ground truth, not a guarantee: places that resemble each other for long stretches agree as well.
-    Raises DataError for arrays of different lengths or distances that are not finite, SettingsError for a share
-    outside (0, 1].
+    distances: (n,) of pairs far apart in time, most of them different places; the few returns among them hardly move
+    the two quantiles used. candidates: how many places a query is compared with on average. The lower half of the
+    distances is taken for that of a normal distribution (median, and the quantile one sigma below), whose tail gives
+    the distance that ``false_per_query / candidates`` of all pairs fall under: a rule of thumb, not a guarantee.
+    None where the distances do not spread, so that no threshold can be told. Raises DataError for too few distances or
+    ones that are not finite, SettingsError for arguments out of range.
     """
     values = np.asarray(distances, dtype=np.float64)
-    agrees = agreement(matches, window)
-    if values.shape != agrees.shape or not np.isfinite(values).all():
+    if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all():
         raise DataError(
-            f"agreement_threshold: expected one finite distance per match, got {values.shape} for {agrees.shape}"
+            f"background_threshold: expected at least two finite distances (n,), got shape {values.shape}"
         )
-    if not 0 < share <= 1:
-        raise SettingsError(f"agreement_threshold: expected a share in (0, 1], got {share}")
-    order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    agreeing_share = np.cumsum(agrees[order]) / np.arange(1, len(order) + 1)
-    last_of_tie = np.append(ordered[1:] != ordered[:-1], True) if len(ordered) else np.empty(0, dtype=bool)
-    passing = np.flatnonzero(last_of_tie & (agreeing_share >= share))
-    return float(ordered[passing[-1]]) if len(passing) else None
+    if not 0 < false_per_query < 1 or not candidates > 0:
+        raise SettingsError(
+            "background_threshold: expected a chance in (0, 1) and candidates > 0, "
+            f"got {false_per_query} and {candidates}"
+        )
+    from scipy.special import ndtri
+
+    middle, below = np.quantile(values, (0.5, _BELOW_ONE_SIGMA))
+    spread = middle - below
+    if not spread > 0:
+        return None
+    return float(max(0.0, middle + ndtri(min(0.5, false_per_query / max(1.0, candidates))) * spread))
