@@ -21,12 +21,12 @@ class ComplexityRecognizer:
         self.encoder = encoder
         self._relaxed = relaxed
         self._sectors = encoder.shift_sectors()
-        self._index = encoder.make_index(relaxed=relaxed)
+        self._index = encoder.make_index()
 
     def fit(self, images: Sequence[RangeImage]) -> ComplexityRecognizer:
         """Learn the encoder's dictionaries and empty the index."""
         self.encoder.fit(images)
-        self._index = self.encoder.make_index(relaxed=self._relaxed)
+        self._index = self.encoder.make_index()
         return self
 
     def describe(self, image: RangeImage) -> Encoding:
@@ -39,11 +39,11 @@ class ComplexityRecognizer:
 
     def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
         """Exact k nearest places, smallest normalised information distance first."""
-        found = self._index.query(description.signatures, k=k, limit=limit)
+        found = self._index.query(description.signatures, k=k, limit=limit, relaxed=self._relaxed)
         return [PlaceMatch(int(place), float(d), float(self._sectors[shift])) for place, d, shift in found]
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Normalised information distance of two encodings."""
-        index = self.encoder.make_index(relaxed=self._relaxed)
+        index = self.encoder.make_index()
         index.add(second.signatures)
-        return float(index.distances(first.signatures)[0])
+        return float(index.distances(first.signatures, relaxed=self._relaxed)[0])

@@ -137,15 +137,15 @@ class Encoder:
         patches = extract_patches(view, settings, self.settings.polar.full_circle and settings.view == "polar")
         return view, patches, _code(patches, model.dictionary, settings)
 
-    def make_index(self, *, relaxed: bool = False) -> SignatureIndex:
-        """Make an empty index under this encoder's distance; ``relaxed`` uses the lower bound instead of the EMD."""
+    def make_index(self) -> SignatureIndex:
+        """Make an empty index under this encoder's distance."""
         from depthprint.signature_index import SignatureIndex, StreamDistance
 
         streams = [
             StreamDistance(ground_distance(s, self.settings), s.masses, s.form, s.weight)
             for s in self.settings.streams
         ]
-        return SignatureIndex(streams, shifts=self.shifts(), relaxed=relaxed)
+        return SignatureIndex(streams, shifts=self.shifts())
 
     def shifts(self) -> list[FloatArray] | None:
         """Position offsets that the shift search tries, (n_shifts, position_dims) for each stream, or None."""
@@ -186,8 +186,7 @@ class Encoder:
         for settings, model in zip(self.settings.streams, self.streams, strict=True):
             clusters = encode_clusters(image, settings, self.settings, model.dictionary, mirror)
             signatures.append(make_signature(clusters, settings, model.basis, self.fingerprint))
-            appearance = clusters.appearance if settings.clusters == "cells" else clusters.appearance @ model.basis
-            vectors.append(appearance.astype(np.float32))
+            vectors.append(_vectors(clusters, settings, model.basis))
         return Encoding(tuple(signatures), tuple(vectors))
 
     def describe_settings(self) -> str:
@@ -220,6 +219,15 @@ def make_signature(clusters: Clusters, stream: StreamSettings, basis: FloatArray
         columns.append(stream.position_weight * clusters.positions[kept])
     weights = np.ones_like(mass) if stream.mass == "unit" else mass
     return Signature(weights, np.concatenate(columns, axis=1), fingerprint)
+
+
+def _vectors(clusters: Clusters, stream: StreamSettings, basis: FloatArray) -> npt.NDArray[np.float32]:
+    """Cluster appearances with the weights that the signature gives them."""
+    rows = clusters.appearance if stream.clusters == "cells" else clusters.appearance @ basis
+    if stream.mass == "unit":
+        norms = np.linalg.norm(rows, axis=1, keepdims=True)
+        rows = np.divide(rows, norms, out=np.zeros_like(rows), where=norms > 1e-9)
+    return rows.astype(np.float32)
 
 
 def ground_distance(stream: StreamSettings, settings: EncoderSettings) -> GroundDistance:

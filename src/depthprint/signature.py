@@ -33,9 +33,13 @@ class GroundDistance:
 
     def __post_init__(self) -> None:
         if not 0 < self.cap <= 2 * self.null_cost:
-            raise SettingsError(f"GroundDistance: expected 0 < cap <= 2 null_cost, got {self.cap}, {self.null_cost}")
+            raise SettingsError(
+                f"GroundDistance: expected 0 < cap <= 2 null_cost, got {self.cap}, {self.null_cost}"
+            )
         if self.period is not None and (self.position_dims < 1 or not self.period > 0):
-            raise SettingsError("GroundDistance: a period must be positive and needs at least one position dimension")
+            raise SettingsError(
+                "GroundDistance: a period must be positive and needs at least one position dimension"
+            )
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,8 @@ class PixelL2Recognizer:
     ) -> list[PlaceMatch]:
         """Nearest places by root mean square difference of depth, in metres."""
         rows = self._store.rows(limit)
+        if not len(rows):
+            return []
         squares = np.asarray(self._squares[: len(rows)])
         squared = squares - 2.0 * (rows @ description) + float(description @ description)
         return nearest_matches(np.sqrt(np.maximum(squared, 0.0) / len(description)), k)

@@ -25,7 +25,8 @@ class VectorStore:
         flat = vector.reshape(-1)
         if self._count == len(self._rows):
             grown = np.empty((max(64, 2 * self._count), len(flat)), dtype=np.float32)
-            grown[: self._count] = self._rows[: self._count]
+            if self._count:
+                grown[: self._count] = self._rows
             self._rows = grown
         self._rows[self._count] = flat
         self._count += 1

@@ -1,0 +1,64 @@
+"""Blocks of rows on worker threads: the same blocks, hence the same bits, on any number of threads."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from itertools import islice
+from typing import Any
+
+import numba
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped,unused-ignore]
+
+__all__ = ["for_blocks", "one_blas_thread"]
+
+
+@lru_cache(maxsize=1)
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Hold BLAS to one thread: its rounding depends on how many it uses."""
+    return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return,unused-ignore]
+
+
+def for_blocks(
+    n_rows: int,
+    block_rows: int,
+    work: Callable[[int, int], None],
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Call ``work(start, stop)`` for every block of rows, on as many threads as numba may use.
+
+    Which rows share a block depends on ``block_rows`` alone. The error of the first failing block is raised.
+    """
+    starts = range(0, n_rows, block_rows)
+    workers = min(numba.get_num_threads(), len(starts))
+    with one_blas_thread():
+        if workers <= 1:
+            for start in starts:
+                stop = min(start + block_rows, n_rows)
+                work(start, stop)
+                if progress is not None:
+                    progress(stop, n_rows)
+            return
+        pool = ThreadPoolExecutor(workers)
+        try:
+            remaining = iter(starts)
+            pending: deque[tuple[int, Future[None]]] = deque()
+            for start in islice(remaining, 4 * workers):
+                pending.append((start, pool.submit(work, start, min(start + block_rows, n_rows))))
+            while pending:
+                start, future = pending.popleft()
+                future.result()
+                for following in islice(remaining, 1):
+                    stop = min(following + block_rows, n_rows)
+                    pending.append((following, pool.submit(work, following, stop)))
+                if progress is not None:
+                    progress(min(start + block_rows, n_rows), n_rows)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

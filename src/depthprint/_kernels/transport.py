@@ -1,0 +1,414 @@
+"""Exact transportation simplex (dense costs) on integers: no tolerance, no degenerate pivot, no cycling.
+
+Masses and costs are rounded once to 64-bit integers scaled by powers of two (about 2**-55 of the largest), so
+every sum below is exact. Row masses are then perturbed by one unit of a finer scale (Charnes): each basic
+flow stays positive, each pivot lowers the objective, and the simplex ends. The flows of the unperturbed
+masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+__all__ = [
+    "BAD_CERTIFICATE",
+    "OPTIMAL",
+    "PIVOT_LIMIT",
+    "bit_length",
+    "make_scratch",
+    "power_of_two",
+    "solve_pair",
+    "solve_transport",
+    "write_flow",
+]
+
+OPTIMAL = 0
+PIVOT_LIMIT = 1
+BAD_CERTIFICATE = 2
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+# Rows of the integer scratch, each as long as rows + columns + 2.
+_MASS, _INDEX, _PARENT, _ORDER, _POS, _SIZE, _FLOW, _PI, _TEMP = range(9)
+_SCRATCH_ROWS = 9
+_BIG = np.int64(1) << np.int64(62)
+_ROWS_PRICED = 4
+
+
+@njit(cache=True, nogil=True)
+def make_scratch(m: int, n: int) -> tuple[IntArray, IntArray]:
+    """Work space of one thread for problems of up to m x n clusters."""
+    return np.empty((_SCRATCH_ROWS, m + n + 2), np.int64), np.empty((m + 1, n + 1), np.int64)
+
+
+@njit(cache=True, nogil=True)
+def bit_length(value: int) -> int:
+    """Number of bits of a non-negative integer."""
+    bits = 0
+    while value > 0:
+        value >>= 1
+        bits += 1
+    return bits
+
+
+@njit(cache=True, nogil=True)
+def power_of_two(largest: float, bits: int) -> tuple[float, float]:
+    """Two factors whose product is the power of two that brings ``largest`` just under 2**bits."""
+    exponent = bits - math.frexp(largest)[1]
+    half = exponent // 2
+    return math.ldexp(1.0, half), math.ldexp(1.0, exponent - half)
+
+
+@njit(cache=True, nogil=True)
+def solve_transport(
+    weights_p: FloatArray,
+    weights_q: FloatArray,
+    cost: FloatArray,
+    m: int,
+    n: int,
+    surplus_cost: float,
+    balance: bool,
+    ints: IntArray,
+    icost: IntArray,
+) -> tuple[float, int, int, int, int]:
+    """Least work to move weights_p[:m] onto weights_q[:n] at cost[:m, :n]; the surplus pays ``surplus_cost``.
+
+    With ``balance`` the masses are equal up to rounding and the largest cluster takes what rounding left.
+    Returns (work, status, rows, columns, exponent of the mass scale); the scratch then holds the final tree
+    for `write_flow`.
+    """
+    mass, index, parent, order, pos = ints[_MASS], ints[_INDEX], ints[_PARENT], ints[_ORDER], ints[_POS]
+    size, flow, pi, temp = ints[_SIZE], ints[_FLOW], ints[_PI], ints[_TEMP]
+
+    # --- integer masses, zero ones dropped
+    mass_p = 0.0
+    for i in range(m):
+        mass_p += weights_p[i]
+    mass_q = 0.0
+    for j in range(n):
+        mass_q += weights_q[j]
+    largest = max(mass_p, mass_q)
+    if largest <= 0.0:
+        return 0.0, OPTIMAL, 0, 0, 0
+    mass_bits = 61 - bit_length(m + 2)
+    s1, s2 = power_of_two(largest, mass_bits)
+    exponent = mass_bits - math.frexp(largest)[1]
+    rows = 0
+    total_p = np.int64(0)
+    for i in range(m):
+        w = np.int64(np.rint(weights_p[i] * s1 * s2))
+        if w > 0:
+            mass[rows] = w
+            index[rows] = i
+            total_p += w
+            rows += 1
+    columns = 0
+    total_q = np.int64(0)
+    for j in range(n):
+        w = np.int64(np.rint(weights_q[j] * s1 * s2))
+        if w > 0:
+            mass[rows + columns] = w
+            index[rows + columns] = j
+            total_q += w
+            columns += 1
+    surplus = total_p - total_q
+    if balance and surplus != 0:
+        first, last = (rows, rows + columns) if surplus > 0 else (0, rows)
+        heaviest = first
+        for x in range(first, last):
+            if mass[x] > mass[heaviest]:
+                heaviest = x
+        mass[heaviest] += abs(surplus)
+        surplus = np.int64(0)
+    m_real, n_real = rows, columns
+    if surplus > 0:
+        mass[rows + columns] = surplus
+        index[rows + columns] = n
+        columns += 1
+    elif surplus < 0:
+        for x in range(rows + columns, rows, -1):
+            mass[x] = mass[x - 1]
+            index[x] = index[x - 1]
+        mass[rows] = -surplus
+        index[rows] = m
+        rows += 1
+    nodes = rows + columns
+
+    # --- integer costs
+    largest_cost = surplus_cost
+    for i in range(m_real):
+        source = cost[index[i]]
+        for j in range(n_real):
+            largest_cost = max(largest_cost, source[index[rows + j]])
+    c1, c2 = power_of_two(largest_cost, 61 - bit_length(nodes)) if largest_cost > 0.0 else (1.0, 1.0)
+    dummy = np.int64(np.rint(surplus_cost * c1 * c2))
+    for i in range(m_real):
+        source = cost[index[i]]
+        target = icost[i]
+        for j in range(n_real):
+            target[j] = np.int64(np.rint(source[index[rows + j]] * c1 * c2))
+        if columns > n_real:
+            target[n_real] = dummy
+    if rows > m_real:
+        for j in range(columns):
+            icost[m_real, j] = dummy
+
+    # --- start: row minima of the column-reduced costs; each step removes a leaf and hangs it on its parent
+    for j in range(columns):
+        temp[j] = icost[0, j]
+    for i in range(1, rows):
+        source_i = icost[i]
+        for j in range(columns):
+            temp[j] = min(temp[j], source_i[j])
+    for i in range(rows):
+        pi[i] = mass[i] * (rows + 1) + 1
+    for j in range(rows, nodes):
+        pi[j] = mass[j] * (rows + 1)
+    pi[nodes - 1] += rows  # pi holds what is left of the perturbed masses, for now
+    for i in range(rows):
+        order[i] = i
+    open_rows = rows
+    removed = 0
+    root = nodes - 1
+    while open_rows > 0:
+        kept = 0
+        for k in range(open_rows):
+            i = order[k]
+            source_i = icost[i]
+            least = _BIG
+            for j in range(columns):
+                least = min(least, source_i[j] - temp[j])
+            j = 0
+            while source_i[j] - temp[j] != least:
+                j += 1
+            x = rows + j
+            if pi[i] <= pi[x]:
+                parent[i] = x
+                flow[i] = pi[i]
+                root = x
+                pi[x] -= pi[i]
+                pos[removed] = i
+            else:
+                parent[x] = i
+                flow[x] = pi[x]
+                pi[i] -= pi[x]
+                pos[removed] = x
+                temp[j] = -_BIG
+                order[kept] = i
+                kept += 1
+            removed += 1
+        open_rows = kept
+    if removed != nodes - 1:
+        return 0.0, BAD_CERTIFICATE, rows, columns, exponent
+
+    # --- preorder: sizes from the leaves, then positions from the root (pos[] lists the leaves as removed)
+    parent[root] = -1
+    for x in range(nodes):
+        size[x] = 1
+    for k in range(removed):
+        x = pos[k]
+        order[k] = x
+        size[parent[x]] += size[x]
+    for k in range(removed):
+        temp[k] = order[k]
+    pos[root] = 0
+    pi[root] = 0
+    order[root] = 1  # while positions are dealt out, order[x] is the next free place in x's slice
+    for k in range(removed - 1, -1, -1):
+        x = temp[k]
+        y = parent[x]
+        pos[x] = order[y]
+        order[y] += size[x]
+        order[x] = pos[x] + 1
+        pi[x] = icost[x, y - rows] + pi[y] if x < rows else pi[y] - icost[y, x - rows]
+    for x in range(nodes):
+        order[pos[x]] = x
+
+    # --- pivots: the most negative cell of a few rows, rows in turn, until no row has any
+    pivots = 0
+    limit = 1000 * nodes + 100000
+    i = 0
+    left = rows
+    while left > 0:
+        best_row, best_sum, worst = -1, np.int64(0), np.int64(0)
+        for _ in range(min(_ROWS_PRICED, left)):
+            source_i = icost[i]
+            least = _BIG
+            for j in range(columns):
+                least = min(least, source_i[j] + pi[rows + j])
+            if least - pi[i] < worst:
+                best_row, best_sum, worst = i, least, least - pi[i]
+            left -= 1
+            i += 1
+            if i == rows:
+                i = 0
+        if best_row >= 0:
+            source_i = icost[best_row]
+            j = rows
+            while source_i[j - rows] + pi[j] != best_sum:
+                j += 1
+            pivots += 1
+            if pivots > limit:
+                return 0.0, PIVOT_LIMIT, rows, columns, exponent
+            _pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
+            left = rows
+
+    # --- flows of the unperturbed masses, and the certificate: tree cells tight, flows not negative
+    for x in range(nodes):
+        temp[x] = mass[x] if x < rows else -mass[x]
+    work = 0.0
+    for k in range(nodes - 1, 0, -1):
+        x = order[k]
+        y = parent[x]
+        temp[y] += temp[x]
+        if x < rows:
+            moved, row, column = temp[x], x, y - rows
+        else:
+            moved, row, column = -temp[x], y, x - rows
+        if moved < 0 or icost[row, column] + pi[rows + column] != pi[row]:
+            return 0.0, BAD_CERTIFICATE, rows, columns, exponent
+        flow[x] = moved
+        if moved > 0:
+            price = surplus_cost
+            if row < m_real and column < n_real:
+                price = cost[index[row], index[rows + column]]
+            work += np.float64(moved) * price
+    if temp[order[0]] != 0:
+        return 0.0, BAD_CERTIFICATE, rows, columns, exponent
+    return work / s1 / s2, OPTIMAL, rows, columns, exponent
+
+
+@njit(cache=True, nogil=True)
+def _pivot(
+    i: int,
+    j: int,
+    reduced_cost: int,
+    rows: int,
+    parent: IntArray,
+    order: IntArray,
+    pos: IntArray,
+    size: IntArray,
+    flow: IntArray,
+    pi: IntArray,
+    temp: IntArray,
+) -> None:
+    """Bring cell (row node i, column node j) into the tree and hang the cut subtree on it."""
+    u, w = i, j
+    delta = _BIG
+    leave = -1
+    row_side = True
+    while u != w:
+        if size[u] <= size[w]:
+            if u < rows and flow[u] < delta:
+                delta, leave, row_side = flow[u], u, True
+            u = parent[u]
+        else:
+            if w >= rows and flow[w] < delta:
+                delta, leave, row_side = flow[w], w, False
+            w = parent[w]
+    join = u
+    u = i
+    while u != join:
+        flow[u] += -delta if u < rows else delta
+        u = parent[u]
+    w = j
+    while w != join:
+        flow[w] += delta if w < rows else -delta
+        w = parent[w]
+
+    inner, outer, step = (i, j, reduced_cost) if row_side else (j, i, -reduced_cost)
+    moved = size[leave]
+    start = pos[leave]
+    x = parent[leave]
+    while x != join:
+        size[x] -= moved
+        x = parent[x]
+    x = outer
+    while x != join:
+        size[x] += moved
+        x = parent[x]
+
+    # preorder of the cut subtree seen from ``inner``: its slice, then what each ancestor has around it
+    low = pos[inner]
+    high = low + size[inner]
+    k = 0
+    for t in range(low, high):
+        temp[k] = order[t]
+        k += 1
+    x = inner
+    while x != leave:
+        x = parent[x]
+        x_low = pos[x]
+        x_high = x_low + size[x]
+        for t in range(x_low, low):
+            temp[k] = order[t]
+            k += 1
+        for t in range(high, x_high):
+            temp[k] = order[t]
+            k += 1
+        low, high = x_low, x_high
+
+    x, above, carried, below = inner, outer, delta, 0
+    while True:
+        next_x, next_flow, next_below = parent[x], flow[x], size[x]
+        parent[x] = above
+        flow[x] = carried
+        size[x] = moved - below
+        if x == leave:
+            break
+        x, above, carried, below = next_x, x, next_flow, next_below
+
+    if pos[outer] < start:  # nearest place: the end of outer's slice, unless the cut subtree lies inside it
+        place = pos[outer] + 1 if outer == join else pos[outer] + size[outer] - moved
+        for t in range(start - 1, place - 1, -1):
+            y = order[t]
+            order[t + moved] = y
+            pos[y] = t + moved
+    else:
+        place = pos[outer] + 1 - moved
+        for t in range(start + moved, pos[outer] + 1):
+            y = order[t]
+            order[t - moved] = y
+            pos[y] = t - moved
+    for t in range(moved):
+        y = temp[t]
+        order[place + t] = y
+        pos[y] = place + t
+        pi[y] += step
+
+
+@njit(cache=True, nogil=True)
+def write_flow(
+    rows: int, columns: int, exponent: int, m: int, n: int, ints: IntArray, flow: FloatArray
+) -> None:
+    """Flows (m, n) of the last `solve_transport`, in the units of its weights; the surplus is left out."""
+    index, parent, order, flow_of = ints[_INDEX], ints[_PARENT], ints[_ORDER], ints[_FLOW]
+    half = exponent // 2
+    s1, s2 = math.ldexp(1.0, half), math.ldexp(1.0, exponent - half)
+    flow[:] = 0.0
+    for k in range(1, rows + columns):
+        x = order[k]
+        row, column = (x, parent[x]) if x < rows else (parent[x], x)
+        if index[row] < m and index[column] < n:
+            flow[index[row], index[column]] = np.float64(flow_of[x]) / s1 / s2
+
+
+@njit(cache=True, nogil=True)
+def solve_pair(
+    weights_p: FloatArray, weights_q: FloatArray, cost: FloatArray, surplus_cost: float, balance: bool
+) -> tuple[float, int, FloatArray]:
+    """One problem with scratch of its own: (work, status, flow (m, n))."""
+    m, n = cost.shape
+    ints, icost = make_scratch(m, n)
+    work, status, rows, columns, exponent = solve_transport(
+        weights_p, weights_q, cost, m, n, surplus_cost, balance, ints, icost
+    )
+    flow = np.zeros((m, n))
+    if status == OPTIMAL and rows > 0:
+        write_flow(rows, columns, exponent, m, n, ints, flow)
+    return work, status, flow

@@ -1,0 +1,193 @@
+"""The query-wise causal protocol, one for every method: each frame asks the past, then joins it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.datasets.base import LoopTruth, RangeSequence
+from depthprint.errors import DataError
+from depthprint.evaluation.ground_truth import TruthMatrix, loop_ground_truth
+from depthprint.evaluation.metrics import (
+    Interval,
+    LoopMetrics,
+    PrecisionRecall,
+    QueryOutcomes,
+    bootstrap_intervals,
+    loop_metrics,
+    precision_recall,
+)
+from depthprint.range_image import RangeImage
+from depthprint.recognizer import PlaceMatch, PlaceRecognizer
+
+__all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "LoopRecord", "MethodLoops", "evaluate_loops"]
+
+LOOP_PROTOCOL = "loops, query-wise and causal"
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """One query of one method; ``match`` is -1 and ``distance`` NaN where no match was made."""
+
+    query: int
+    match: int
+    distance: float
+    shift: float | None
+    outcome: int
+    has_positive: bool
+
+
+@dataclass(frozen=True)
+class MethodLoops:
+    """What one method did. ``records`` and ``queries`` hold every frame that had a candidate, in time order.
+
+    describe_ms, query_ms: median milliseconds a frame, the latter over frames that had candidates.
+    ms_per_query: median of their sum.
+    """
+
+    name: str
+    records: tuple[LoopRecord, ...]
+    queries: QueryOutcomes
+    metrics: LoopMetrics
+    intervals: Mapping[str, Interval]
+    describe_ms: float
+    query_ms: float
+    ms_per_query: float
+
+    @property
+    def curve(self) -> PrecisionRecall:
+        """Precision and recall at every distinct score."""
+        return precision_recall(self.queries)
+
+
+@dataclass(frozen=True)
+class LoopEvaluation:
+    """All methods on one sequence."""
+
+    data: str
+    simulated: bool
+    truth: TruthMatrix
+    seed: int
+    methods: tuple[MethodLoops, ...]
+
+    def __iter__(self) -> Iterator[MethodLoops]:
+        return iter(self.methods)
+
+
+def evaluate_loops(
+    sequence: RangeSequence,
+    recognizers: Mapping[str, PlaceRecognizer],
+    truth: LoopTruth | TruthMatrix | None = None,
+    *,
+    seed: int = 0,
+    resamples: int = 1000,
+    progress: Progress | None = None,
+) -> LoopEvaluation:
+    """Run fitted, empty recognisers over a sequence and score them: describe, query the past, add.
+
+    truth: a rule, a matrix already made (of the sequence's length), or None for the sequence's own rule.
+    ``seed`` and ``resamples`` serve the bootstrap intervals. A frame is read once and described once per
+    method. The score of a match is its negated distance.
+    Raises DataError for a truth of another length, a recogniser that is not empty, names a place it must not
+    see yet, or returns a distance that is not finite.
+    """
+    n = len(sequence)
+    rule = sequence.truth if truth is None else truth
+    # reprojecting views takes long enough to be part of the progress; distances do not
+    before = 2 * n if isinstance(rule, LoopTruth) and rule.kind == "overlap" else 0
+
+    def report_truth(done: int, total: int) -> None:
+        if progress is not None:
+            progress(done, before + n)
+
+    matrix = loop_ground_truth(sequence, rule, report_truth) if isinstance(rule, LoopTruth) else rule
+    if len(matrix) != n:
+        raise DataError(f"{sequence.name}: {n} frames but a truth matrix of {len(matrix)}")
+    runs = [_Run(name, recognizer, matrix) for name, recognizer in recognizers.items()]
+    for frame in range(n):
+        image = sequence[frame]
+        for run in runs:
+            run.step(frame, image)
+        if progress is not None:
+            progress(before + frame + 1, before + n)
+    return LoopEvaluation(
+        data=sequence.name,
+        simulated=sequence.simulated,
+        truth=matrix,
+        seed=seed,
+        methods=tuple(run.result(seed, resamples) for run in runs),
+    )
+
+
+class _Run:
+    """One method's way through the sequence."""
+
+    def __init__(self, name: str, recognizer: PlaceRecognizer, truth: TruthMatrix) -> None:
+        self.name = name
+        self.recognizer = recognizer
+        self.truth = truth
+        self.has_positive = truth.has_positive
+        self.records: list[LoopRecord] = []
+        self.describe_s: list[float] = []
+        self.query_s: list[float] = []
+
+    def step(self, frame: int, image: RangeImage) -> None:
+        started = time.perf_counter()
+        description = self.recognizer.describe(image)
+        described = time.perf_counter()
+        self.describe_s.append(described - started)
+        limit = self.truth.candidates(frame)
+        if limit:
+            matches = self.recognizer.query(description, k=1, limit=limit)
+            self.query_s.append(time.perf_counter() - described)
+            self.records.append(self._record(frame, limit, matches))
+        place = self.recognizer.add(description)
+        if place != frame:
+            raise DataError(
+                f"method {self.name!r}: expected frame {frame} to become place {frame}, it became {place}"
+            )
+
+    def _record(self, frame: int, limit: int, matches: list[PlaceMatch]) -> LoopRecord:
+        has_positive = bool(self.has_positive[frame])
+        if not matches:
+            return LoopRecord(frame, -1, float("nan"), None, 0, has_positive)
+        best = matches[0]
+        if not 0 <= best.place < limit:
+            raise DataError(
+                f"method {self.name!r}, frame {frame}: expected a match among places 0..{limit - 1}, "
+                f"got {best.place}"
+            )
+        if not np.isfinite(best.distance):
+            raise DataError(
+                f"method {self.name!r}, frame {frame}: expected a finite distance, got {best.distance}"
+            )
+        outcome = int(self.truth.values[frame, best.place])
+        return LoopRecord(frame, best.place, float(best.distance), best.shift, outcome, has_positive)
+
+    def result(self, seed: int, resamples: int) -> MethodLoops:
+        queries = QueryOutcomes(
+            np.array([-r.distance for r in self.records], dtype=np.float64),
+            np.array([r.outcome for r in self.records], dtype=np.int8),
+            np.array([r.has_positive for r in self.records], dtype=bool),
+        )
+        with_candidates = self.describe_s[len(self.describe_s) - len(self.query_s) :]
+        return MethodLoops(
+            name=self.name,
+            records=tuple(self.records),
+            queries=queries,
+            metrics=loop_metrics(queries),
+            intervals=bootstrap_intervals(queries, seed, resamples=resamples),
+            describe_ms=_median_ms(self.describe_s),
+            query_ms=_median_ms(self.query_s),
+            ms_per_query=_median_ms(np.add(with_candidates, self.query_s)),
+        )
+
+
+def _median_ms(seconds: list[float] | npt.NDArray[np.float64]) -> float:
+    return float(np.median(seconds) * 1e3) if len(seconds) else float("nan")

@@ -1,0 +1,292 @@
+"""Causal loop closure: each frame is compared with places old enough to be a return, then stored itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.errors import ConvergenceError, DataError, ModelError, SettingsError
+from depthprint.range_image import RangeImage
+from depthprint.recognizer import PlaceMatch, PlaceRecognizer
+
+__all__ = ["LoopClosureDetector", "LoopResult", "LoopStatus", "Place", "calibrate_threshold"]
+
+
+class LoopStatus(Enum):
+    """What became of a query."""
+
+    ACCEPTED = "accepted"
+    TOO_FEW_PLACES = "too few places"
+    CALIBRATING = "calibrating"
+    NO_MATCH = "no match"
+    ABOVE_THRESHOLD = "above threshold"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stored place: its number, stamp, pose T_world_sensor (4, 4) float64, and where it came from."""
+
+    number: int
+    stamp_s: float | None = None
+    T_world_sensor: npt.NDArray[np.float64] | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """Answer to one query, whatever it is.
+
+    query: number that the frame has, or would have, as a place. status: what became of it.
+    matches: proposed places, best first, accepted or not. threshold: the one in force, or None.
+    candidates: how many places were old enough to be compared.
+    """
+
+    query: int
+    status: LoopStatus
+    matches: tuple[PlaceMatch, ...] = ()
+    threshold: float | None = None
+    candidates: int = 0
+    exclusion_gap: int = 0
+    min_places: int = 1
+
+    @property
+    def match(self) -> int | None:
+        """Number of the best proposed place, accepted or not; None without a proposal."""
+        return self.matches[0].place if self.matches else None
+
+    @property
+    def distance(self) -> float | None:
+        """Distance of the best proposed place; None without a proposal."""
+        return self.matches[0].distance if self.matches else None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether a loop was closed."""
+        return self.status is LoopStatus.ACCEPTED
+
+    def explain(self) -> str:
+        """Say in one sentence what was decided and why."""
+        head = f"frame {self.query}: "
+        if self.status is LoopStatus.TOO_FEW_PLACES:
+            return head + (
+                f"not compared, since {self.candidates} places are more than {self.exclusion_gap} frames old "
+                f"and {self.min_places} are needed"
+            )
+        if self.status is LoopStatus.NO_MATCH:
+            return head + f"the recogniser proposed none of the {self.candidates} places old enough"
+        nearest = f"place {self.match} is the nearest of {self.candidates}, at distance {self.distance:.4g}"
+        if self.status is LoopStatus.CALIBRATING:
+            return head + nearest + ", but too few pairs of places have been seen to set a threshold"
+        if self.status is LoopStatus.ABOVE_THRESHOLD:
+            return head + nearest + f", which is above the threshold {self.threshold:.4g}"
+        return head + nearest + f", within the threshold {self.threshold:.4g}: loop closed"
+
+
+def calibrate_threshold(distances: npt.ArrayLike, false_positive_rate: float) -> float:
+    """Largest threshold that accepts at most a given share of distances between different places.
+
+    distances: (n,) between places far apart in time, nearly all of them different; no ground truth.
+        Returns among them can only lower the threshold, so the rate holds as an upper limit.
+    false_positive_rate: share of *pairs* accepted, in (0, 1). A query compared with n independent places is
+        wrong about n times as often. At least 1 / rate distances are needed, since fewer cannot show it.
+    A pair is accepted when its distance <= threshold.
+    Raises SettingsError for a rate outside (0, 1), DataError for too few or non-finite distances.
+    """
+    if not 0 < false_positive_rate < 1:
+        raise SettingsError(f"calibrate_threshold: expected a rate in (0, 1), got {false_positive_rate}")
+    values = np.asarray(distances, dtype=np.float64)
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise DataError(f"calibrate_threshold: expected finite distances (n,), got shape {values.shape}")
+    needed = _pairs_needed(false_positive_rate)
+    if len(values) < needed:
+        raise DataError(
+            f"calibrate_threshold: a rate of {false_positive_rate:g} needs at least {needed} distances, "
+            f"got {len(values)}"
+        )
+    allowed = math.floor(false_positive_rate * len(values) * (1 + 1e-12))
+    first_refused = np.partition(values, allowed)[allowed]
+    return float(np.nextafter(first_refused, -np.inf))
+
+
+def _pairs_needed(false_positive_rate: float) -> int:
+    """Fewest distances that can show a rate: one in them must be allowed to be wrong."""
+    return math.ceil(1 / false_positive_rate * (1 - 1e-12))
+
+
+class LoopClosureDetector:
+    """Online detector over any recogniser that is fitted and still empty.
+
+    recognizer: holds the places; use it through the detector only, so that the numbers agree.
+    exclusion_gap: place j may be a loop of frame i when i - j > exclusion_gap.
+    threshold: largest distance that closes a loop. None: set anew at each query by ``calibrate_threshold``
+        from distances of earlier frames to places beyond their gap, ``calibration_pairs`` drawn per frame
+        with ``seed``; until 1 / false_positive_rate pairs were seen, the status is CALIBRATING. Costs that
+        many distances a frame, and keeps every description.
+    false_positive_rate: share of pairs, see ``calibrate_threshold``; only with threshold None.
+    min_places: places old enough that there must be before anything is compared.
+    Raises SettingsError for values out of range.
+    """
+
+    def __init__(
+        self,
+        recognizer: PlaceRecognizer,
+        *,
+        exclusion_gap: int = 50,
+        threshold: float | None,
+        min_places: int = 1,
+        false_positive_rate: float = 1e-3,
+        calibration_pairs: int = 10,
+        seed: int = 0,
+    ) -> None:
+        if exclusion_gap < 0 or min_places < 1 or calibration_pairs < 1:
+            raise SettingsError(
+                "LoopClosureDetector: expected exclusion_gap >= 0, min_places >= 1, calibration_pairs >= 1, "
+                f"got {exclusion_gap}, {min_places} and {calibration_pairs}"
+            )
+        if threshold is not None and not math.isfinite(threshold):
+            raise SettingsError(f"LoopClosureDetector: expected a finite threshold or None, got {threshold}")
+        if not 0 < false_positive_rate < 1:
+            raise SettingsError(
+                f"LoopClosureDetector: expected false_positive_rate in (0, 1), got {false_positive_rate}"
+            )
+        self.recognizer = recognizer
+        self.exclusion_gap = exclusion_gap
+        self.min_places = min_places
+        self.false_positive_rate = false_positive_rate
+        self.calibration_pairs = calibration_pairs
+        self.seed = seed
+        self._fixed_threshold = threshold
+        self._places: list[Place] = []
+        self._descriptions: list[Any] = []
+        self._far_distances: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Places stored so far, by number."""
+        return tuple(self._places)
+
+    @property
+    def threshold(self) -> float | None:
+        """Threshold in force for the next query, None while there are too few pairs to calibrate one."""
+        if self._fixed_threshold is not None:
+            return self._fixed_threshold
+        if len(self._far_distances) < _pairs_needed(self.false_positive_rate):
+            return None
+        return calibrate_threshold(self._far_distances, self.false_positive_rate)
+
+    def query(self, image: RangeImage, k: int = 1) -> LoopResult:
+        """Look for the place of a frame without storing it; up to k proposals.
+
+        Raises DataError for a frame that is no RangeImage or holds no return, SettingsError for k < 1.
+        """
+        return self._query(self._describe(image), k)
+
+    def add(self, image: RangeImage, pose: npt.ArrayLike | None = None, stamp: float | None = None) -> int:
+        """Store a frame as a place, without comparing it, and return its number.
+
+        pose: (4, 4) T_world_sensor; stamp: seconds, by default the frame's own.
+        Raises DataError as ``query`` does, or for a pose that is not (4, 4) and finite.
+        """
+        return self._add(self._describe(image), image, pose, stamp)
+
+    def process(
+        self, image: RangeImage, k: int = 1, pose: npt.ArrayLike | None = None, stamp: float | None = None
+    ) -> LoopResult:
+        """Query, then add, describing the frame once."""
+        description = self._describe(image)
+        result = self._query(description, k)
+        self._add(description, image, pose, stamp)
+        return result
+
+    def _describe(self, image: RangeImage) -> Any:
+        frame = f"frame {len(self._places)}"
+        if not isinstance(image, RangeImage):
+            raise DataError(f"{frame}: expected a RangeImage, got {type(image).__name__}")
+        if not np.isfinite(image.ranges_m).any():
+            source = f" ({image.source})" if image.source else ""
+            raise DataError(f"{frame}{source}: expected at least one valid range, got none")
+        return self.recognizer.describe(image)
+
+    def _query(self, description: Any, k: int) -> LoopResult:
+        if k < 1:
+            raise SettingsError(f"LoopClosureDetector: expected k >= 1, got {k}")
+        number = len(self._places)
+        candidates = max(0, number - self.exclusion_gap)
+        threshold = self.threshold
+
+        def result(status: LoopStatus, matches: tuple[PlaceMatch, ...] = ()) -> LoopResult:
+            return LoopResult(
+                number, status, matches, threshold, candidates, self.exclusion_gap, self.min_places
+            )
+
+        if candidates < self.min_places:
+            return result(LoopStatus.TOO_FEW_PLACES)
+        matches = tuple(self.recognizer.query(description, k, limit=candidates))
+        if not matches:
+            return result(LoopStatus.NO_MATCH)
+        for match in matches:
+            self._check(match.distance, match.place)
+            if not 0 <= match.place < candidates:
+                raise ModelError(
+                    f"frame {number}: the recogniser proposed place {match.place}, "
+                    f"expected one below {candidates}"
+                )
+        if threshold is None:
+            return result(LoopStatus.CALIBRATING, matches)
+        if matches[0].distance <= threshold:
+            return result(LoopStatus.ACCEPTED, matches)
+        return result(LoopStatus.ABOVE_THRESHOLD, matches)
+
+    def _add(
+        self, description: Any, image: RangeImage, pose: npt.ArrayLike | None, stamp: float | None
+    ) -> int:
+        number = len(self._places)
+        T_world_sensor = None if pose is None else _checked_pose(pose, number)
+        calibrating = self._fixed_threshold is None
+        sampled = self._sample_far_distances(description, number) if calibrating else []
+        stored = self.recognizer.add(description)
+        if stored != number:
+            raise ModelError(
+                f"frame {number}: the recogniser stored it as place {stored}; the detector needs one "
+                "that is empty at its start and that nothing else adds to"
+            )
+        if calibrating:
+            self._far_distances.extend(sampled)
+            self._descriptions.append(description)
+        stamp_s = image.stamp_s if stamp is None else float(stamp)
+        self._places.append(Place(number, stamp_s, T_world_sensor, image.source))
+        return number
+
+    def _sample_far_distances(self, description: Any, number: int) -> list[float]:
+        far = number - self.exclusion_gap
+        if far < 1:
+            return []
+        # Seeded by the frame's number, so that the sample does not depend on what else was asked before.
+        rng = np.random.default_rng((self.seed, number))
+        drawn = np.sort(rng.choice(far, size=min(far, self.calibration_pairs), replace=False))
+        distances = [float(self.recognizer.distance(description, self._descriptions[j])) for j in drawn]
+        for place, distance in zip(drawn, distances, strict=True):
+            self._check(distance, int(place))
+        return distances
+
+    def _check(self, distance: float, place: int) -> None:
+        if not math.isfinite(distance):
+            raise ConvergenceError(
+                f"frame {len(self._places)}: the recogniser's distance to place {place} is {distance}"
+            )
+
+
+def _checked_pose(pose: npt.ArrayLike, number: int) -> npt.NDArray[np.float64]:
+    T_world_sensor = np.array(pose, dtype=np.float64)
+    if T_world_sensor.shape != (4, 4) or not np.isfinite(T_world_sensor).all():
+        raise DataError(f"frame {number}: expected a finite pose (4, 4), got shape {T_world_sensor.shape}")
+    T_world_sensor.setflags(write=False)
+    return T_world_sensor

@@ -1,0 +1,46 @@
+"""Distances of all pairs of frames (paper, before Fig. 6)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.errors import DataError
+from depthprint.visualization._style import BAD_COLOR, drawing, titled
+
+__all__ = ["draw_difference_matrix"]
+
+
+def draw_difference_matrix(
+    distances: npt.NDArray[np.floating],
+    path: Path | str,
+    *,
+    method: str = "",
+    data: str = "",
+    simulated: bool = False,
+    label: str = "distance",
+) -> Path:
+    """Draw (n, m) distances, query down and match across; NaN (not compared) is grey, near is dark.
+
+    Loops show as dark lines beside the diagonal. The colours span the 1st to the 99th percentile.
+    Returns the path written. Raises DataError where nothing is finite.
+    """
+    matrix = np.asarray(distances)
+    if matrix.ndim != 2:
+        raise DataError(f"difference matrix: expected two dimensions, got shape {matrix.shape}")
+    known = matrix[np.isfinite(matrix)]
+    if not known.size:
+        raise DataError("difference matrix: expected at least one finite distance, got none")
+    from matplotlib import colormaps
+
+    low, high = np.percentile(known, [1, 99])
+    with drawing(path, 7.0, 6.2) as figure:
+        axes = figure.add_subplot()
+        colors = colormaps["viridis"].with_extremes(bad=BAD_COLOR)
+        drawn = axes.imshow(matrix, cmap=colors, vmin=low, vmax=high)
+        figure.colorbar(drawn, ax=axes, label=label, extend="both", shrink=0.85)
+        axes.set(xlabel="match (frame)", ylabel="query (frame)")
+        axes.set_title(titled(f"Distance of all pairs{', ' + method if method else ''}", data, simulated))
+    return Path(path)

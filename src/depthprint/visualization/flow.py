@@ -1,0 +1,163 @@
+"""The optimal flow between two signatures, drawn on the images that they describe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.errors import DataError
+from depthprint.visualization._style import BAD_COLOR, COLORS, drawing, titled
+
+__all__ = ["PlacedClusters", "draw_flow"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_GAP = 0.25
+_LEAST_SHARE = 0.005
+
+
+@dataclass(frozen=True)
+class PlacedClusters:
+    """One side of a flow.
+
+    picture: (h, w), NaN where unknown; positions_px: (k, 2) column and row; weights: (k,) >= 0.
+    """
+
+    picture: FloatArray
+    positions_px: FloatArray
+    weights: FloatArray
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        picture, positions = (
+            np.asarray(self.picture, float),
+            np.asarray(self.positions_px, float).reshape(-1, 2),
+        )
+        weights = np.asarray(self.weights, float)
+        if picture.ndim != 2 or not picture.size or weights.shape != (len(positions),):
+            raise DataError(
+                "PlacedClusters: expected a picture (h, w), positions (k, 2) and weights (k,), got shapes "
+                f"{picture.shape}, {positions.shape} and {weights.shape}"
+            )
+        if not (np.isfinite(positions).all() and np.isfinite(weights).all()) or (weights < 0).any():
+            raise DataError("PlacedClusters: expected finite positions and finite weights >= 0")
+        for name, array in (("picture", picture), ("positions_px", positions), ("weights", weights)):
+            object.__setattr__(self, name, array)
+
+
+def draw_flow(
+    first: PlacedClusters,
+    second: PlacedClusters,
+    flow: FloatArray,
+    path: Path | str,
+    *,
+    costs: FloatArray | None = None,
+    what: str = "",
+    data: str = "",
+    simulated: bool = False,
+) -> Path:
+    """Draw the flow (k, l) as arrows from the clusters of the first image to those of the second.
+
+    The wider an arrow the more it moves; with ``costs`` (k, l) its colour is the ground distance. The area
+    of a disc is its cluster's weight; what no arrow takes or brings is with the null element and is the empty
+    part of the disc. Moves under half a percent of the largest are left out. Returns the path written.
+    Raises DataError for flows of another shape, negative, or above the weights.
+    """
+    flow = _checked_flow(first, second, flow, costs)
+    with drawing(path, 9.0, 4.6) as figure:
+        axes = figure.add_subplot()
+        scale = max(first.weights.max(initial=0), second.weights.max(initial=0)) or 1.0
+        first_at, width = _draw_side(axes, first, flow.sum(axis=1), 0.0, scale)
+        second_at, _ = _draw_side(axes, second, flow.sum(axis=0), width + _GAP, scale)
+        _draw_arrows(figure, axes, first_at, second_at, flow, costs)
+        axes.set_axis_off()
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        moved = flow.sum() / max(first.weights.sum(), second.weights.sum(), 1e-300)
+        note = f"{what}; " if what else ""
+        axes.set_title(
+            titled(f"Flow of two signatures: {note}{moved:.0%} of the larger mass is moved", data, simulated)
+        )
+    return Path(path)
+
+
+def _checked_flow(first: PlacedClusters, second: PlacedClusters, flow: Any, costs: Any) -> FloatArray:
+    flow = np.array(flow, dtype=np.float64)
+    shape = (len(first.weights), len(second.weights))
+    if flow.shape != shape or (costs is not None and np.shape(costs) != shape):
+        raise DataError(
+            f"flow: expected a flow and costs of shape {shape}, got {flow.shape} and {np.shape(costs)}"
+        )
+    slack = 1e-6 * max(1.0, first.weights.sum(), second.weights.sum())
+    taken, brought = flow.sum(axis=1), flow.sum(axis=0)
+    over = (taken > first.weights + slack).any() or (brought > second.weights + slack).any()
+    if not np.isfinite(flow).all() or (flow < -slack).any() or over:
+        raise DataError("flow: expected finite moves >= 0 that add up to no more than the weights")
+    return np.asarray(np.maximum(flow, 0.0))
+
+
+def _draw_side(
+    axes: Any, side: PlacedClusters, moved: FloatArray, left: float, scale: float
+) -> tuple[FloatArray, float]:
+    """Draw one image, one unit high; return where its clusters are and how wide it is."""
+    from matplotlib import colormaps
+
+    height, columns = side.picture.shape
+    width = columns / height
+    known = side.picture[np.isfinite(side.picture)]
+    low, high = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
+    colors = colormaps["gray_r"].with_extremes(bad=BAD_COLOR)
+    extent = (left, left + width, 0.0, 1.0)
+    # twice the span keeps the picture pale, so that discs and arrows stand out
+    axes.imshow(side.picture, cmap=colors, vmin=low, vmax=high + (high - low), extent=extent, aspect="equal")
+    at = np.stack(
+        [left + (side.positions_px[:, 0] + 0.5) / height, 1 - (side.positions_px[:, 1] + 0.5) / height],
+        axis=1,
+    )
+    area = 420.0 / scale
+    axes.scatter(*at.T, s=area * side.weights, facecolor="white", edgecolor="black", lw=1.0, zorder=3)
+    axes.scatter(*at.T, s=area * np.minimum(moved, side.weights), color=COLORS[0], lw=0, zorder=4)
+    if side.title:
+        axes.text(left + width / 2, -0.04, side.title, ha="center", va="top")
+    return np.asarray(at), float(width)
+
+
+def _draw_arrows(
+    figure: Any,
+    axes: Any,
+    first_at: FloatArray,
+    second_at: FloatArray,
+    flow: FloatArray,
+    costs: FloatArray | None,
+) -> None:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.patches import FancyArrowPatch
+
+    largest = flow.max(initial=0.0)
+    if largest <= 0:
+        return
+    shown = np.argwhere(flow >= _LEAST_SHARE * largest)
+    colors = ScalarMappable(cmap=colormaps["plasma"])
+    if costs is not None:
+        colors.set_norm(Normalize(0.0, max(float(np.max(np.asarray(costs)[tuple(shown.T)])), 1e-9)))
+        figure.colorbar(colors, ax=axes, label="ground distance", shrink=0.75)
+    for i, j in shown:
+        axes.add_patch(
+            FancyArrowPatch(
+                first_at[i],
+                second_at[j],
+                arrowstyle="-|>",
+                mutation_scale=10,
+                connectionstyle="arc3,rad=-0.08",
+                lw=0.4 + 4.0 * flow[i, j] / largest,
+                color=COLORS[1] if costs is None else colors.to_rgba(np.asarray(costs)[i, j]),
+                alpha=0.75,
+                zorder=5,
+            )
+        )

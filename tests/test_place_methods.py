@@ -1,0 +1,90 @@
+"""One contract for every method that recognises places."""
+
+import numpy as np
+import pytest
+from synthetic import boxes
+from test_encoder import DEFAULT, IMAGES, small
+
+from depthprint import place_methods
+from depthprint.encoder import Encoder
+from depthprint.errors import SettingsError
+from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
+
+QUICK = [name for name in PLACE_METHODS if name != "ncd-zstd"]
+PRESETS_OF_PLACES = ("street", "handheld", "laser", "lidar")
+
+
+@pytest.fixture(autouse=True)
+def _small_shipped_models(monkeypatch):
+    """Train the literal preset's model here: the shipped one has more atoms than these images can show."""
+    literal = Encoder(small("literal")).fit(DEFAULT)
+    monkeypatch.setattr(place_methods, "load_shipped_encoder", lambda preset: literal)
+
+
+@pytest.fixture(scope="module")
+def models():
+    return {p: Encoder(small(p)).fit(IMAGES.get(p, DEFAULT)) for p in PRESETS_OF_PLACES}
+
+
+@pytest.fixture(params=[(m, "street") for m in QUICK] + [(m, "handheld") for m in ("emd", "cosine", "emd-relaxed")]
+                + [(m, p) for p in ("laser", "lidar") for m in ("emd", "cosine", "scan-context-like", "pixel-l2")],
+                ids="-".join)  # fmt: skip
+def case(request, models):
+    name, preset = request.param
+    return make_place_recognizer(name, preset, models[preset]), IMAGES.get(preset, DEFAULT)
+
+
+def test_an_empty_recogniser_proposes_nothing(case):
+    recognizer, images = case
+    assert recognizer.query(recognizer.describe(images[0])) == []
+
+
+def test_places_are_numbered_in_order_and_each_is_nearest_to_itself(case):
+    recognizer, images = case
+    descriptions = [recognizer.describe(image) for image in images]
+    assert [recognizer.add(d) for d in descriptions] == list(range(len(images)))
+    for number, description in enumerate(descriptions):
+        best = recognizer.query(description, k=1)[0]
+        assert best.distance == pytest.approx(recognizer.distance(description, descriptions[best.place]), abs=1e-4)
+        assert best.distance == pytest.approx(recognizer.distance(description, descriptions[number]), abs=1e-4)
+
+
+def test_a_query_returns_the_k_smallest_distances_in_order(case):
+    recognizer, images = case
+    descriptions = [recognizer.describe(image) for image in images]
+    for description in descriptions[1:]:
+        recognizer.add(description)
+    found = recognizer.query(descriptions[0], k=4)
+    every = sorted(recognizer.distance(descriptions[0], d) for d in descriptions[1:])
+    assert np.allclose([m.distance for m in found], every[:4], atol=1e-4)
+    assert len({m.place for m in found}) == 4
+
+
+def test_only_places_below_the_limit_are_looked_at(case):
+    recognizer, images = case
+    descriptions = [recognizer.describe(image) for image in images]
+    for description in descriptions:
+        recognizer.add(description)
+    assert {m.place for m in recognizer.query(descriptions[5], k=20, limit=3)} == {0, 1, 2}
+    assert recognizer.query(descriptions[5], limit=0) == []
+
+
+def test_describing_twice_gives_the_same_distance_of_zero(case):
+    recognizer, images = case
+    same = recognizer.distance(recognizer.describe(images[2]), recognizer.describe(images[2]))
+    other = recognizer.distance(recognizer.describe(images[2]), recognizer.describe(images[3]))
+    assert same < other
+
+
+def test_unknown_method_lists_the_known_ones():
+    with pytest.raises(SettingsError, match="scan-context-like"):
+        make_place_recognizer("magic", "street")
+
+
+def test_scan_context_like_finds_the_shift_of_a_turned_view(models):
+    recognizer = make_place_recognizer("scan-context-like", "street", models["street"])
+    for image in DEFAULT:
+        recognizer.add(recognizer.describe(image))
+    best = recognizer.query(recognizer.describe(boxes(4, shift=int(2 * 128 / 24))))[0]
+    assert best.place == 4
+    assert best.shift == -2

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numba import njit
+
+from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_pair, solve_transport
+from depthprint._pairs import check_status
+from depthprint.errors import ConvergenceError
+
+
+@njit(cache=False)
+def _count_unsolved(p, q, costs, sizes):  # type: ignore[no-untyped-def]
+    failed = 0
+    ints, icost = make_scratch(8, 8)
+    for x in range(len(p)):
+        status = solve_transport(p[x], q[x], costs[x], sizes[x, 0], sizes[x, 1], 1.0, False, ints, icost)[1]
+        failed += status != OPTIMAL
+    return failed
+
+
+def count_unsolved_degenerate(count: int, seed: int) -> int:
+    """Problems of small integers: most bases are degenerate, most costs tie."""
+    rng = np.random.default_rng(seed)
+    p, q = rng.integers(0, 3, (2, count, 8)).astype(float)
+    costs = rng.integers(0, 3, (count, 8, 8)).astype(float)
+    return int(_count_unsolved(p, q, costs, rng.integers(1, 9, (count, 2))))
+
+
+def assignment(cost: np.ndarray) -> float:
+    n = len(cost)
+    return min(sum(cost[i, j] for i, j in enumerate(order)) for order in itertools.permutations(range(n)))
+
+
+def test_degenerate_problems_do_not_cycle() -> None:
+    assert count_unsolved_degenerate(50_000, 0) == 0
+
+
+@pytest.mark.slow
+def test_a_million_degenerate_problems_do_not_cycle() -> None:
+    assert sum(count_unsolved_degenerate(50_000, seed) for seed in range(1, 21)) == 0
+
+
+def test_equal_weights_solve_the_assignment_problem() -> None:
+    rng = np.random.default_rng(0)
+    for n in range(1, 7):
+        for _ in range(10):
+            cost = rng.integers(0, 5, (n, n)).astype(float)
+            work, status, flow = solve_pair(np.ones(n), np.ones(n), cost, 0.0, True)
+            assert status == OPTIMAL
+            assert work == assignment(cost)
+            assert set(np.unique(flow)) <= {0.0, 1.0}
+
+
+@pytest.mark.parametrize("n", [1, 2, 30, 130, 200])
+def test_all_costs_equal_or_zero(n: int) -> None:
+    rng = np.random.default_rng(n)
+    p, q = rng.random(n), rng.random(n)
+    q *= p.sum() / q.sum()
+    for value in (0.0, 0.75):
+        work, status, _ = solve_pair(p, q, np.full((n, n), value), 0.0, True)
+        assert status == OPTIMAL
+        assert work == pytest.approx(value * p.sum(), rel=1e-14)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-12, 1e12, 1e290])
+def test_scale_of_weights_and_costs_does_not_matter(scale: float) -> None:
+    rng = np.random.default_rng(1)
+    p, q, cost = rng.random(12), rng.random(9), rng.random((12, 9))
+    expected = solve_pair(p, q, cost, 0.5, False)[0]
+    work, status, _ = solve_pair(p * scale, q * scale, cost, 0.5, False)
+    assert status == OPTIMAL
+    assert work / scale == pytest.approx(expected, rel=1e-13)
+    work, status, _ = solve_pair(p, q, cost * scale, 0.5 * scale, False)
+    assert status == OPTIMAL
+    assert work / scale == pytest.approx(expected, rel=1e-13)
+
+
+def test_weights_across_twelve_orders_of_magnitude() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        p, q = 10 ** rng.uniform(-12, 0, 25), 10 ** rng.uniform(-12, 0, 30)
+        cost = rng.random((25, 30))
+        _, status, flow = solve_pair(p, q, cost, 1.0, False)
+        assert status == OPTIMAL
+        assert (flow.sum(axis=1) <= p + 1e-15).all()
+        assert (flow.sum(axis=0) <= q + 1e-15).all()
+        assert flow.sum() == pytest.approx(min(p.sum(), q.sum()), rel=1e-14)
+
+
+def test_one_cluster_against_many() -> None:
+    rng = np.random.default_rng(3)
+    q, cost = rng.random(50), rng.random((1, 50))
+    assert solve_pair(np.array([q.sum()]), q, cost, 0.0, True)[0] == pytest.approx((q * cost[0]).sum())
+    assert solve_pair(q, np.array([q.sum()]), cost.T.copy(), 0.0, True)[0] == pytest.approx(
+        (q * cost[0]).sum()
+    )
+
+
+def test_identical_weights_on_a_zero_diagonal_cost_nothing() -> None:
+    rng = np.random.default_rng(4)
+    for n in (2, 21, 121):
+        p, points = rng.random(n), rng.normal(size=(n, 3))
+        cost = np.linalg.norm(points[:, None] - points[None], axis=2)
+        work, status, flow = solve_pair(p, p.copy(), cost, 1.0, False)
+        assert (work, status) == (0.0, OPTIMAL)
+        np.testing.assert_allclose(flow, np.diag(p), rtol=0, atol=1e-14 * p.sum())
+
+
+def test_unsolved_problems_raise() -> None:
+    with pytest.raises(ConvergenceError, match="1 of 3"):
+        check_status(np.array([0, 1, 0]))
