@@ -20,7 +20,9 @@ def progress_bars() -> Iterator[Stages]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    console = Console(stderr=True)
+    # Where stderr is a file or a pipe, even an empty display would leave a line there.
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
 
         def stage(name: str) -> ProgressCallback:
             started = time.monotonic()
