@@ -1,0 +1,43 @@
+"""The verbs of the command line as functions: open data, run, write what came out."""
+
+from __future__ import annotations
+
+from depthprint.runs.classify import NearClass, run_classify
+from depthprint.runs.demo import run_demo
+from depthprint.runs.encode import EncodedSequence, run_encode
+from depthprint.runs.evaluate import run_evaluate_loops, run_evaluate_objects
+from depthprint.runs.explain import ExplainedStream, Explanation, run_explain
+from depthprint.runs.info import describe_file, describe_installation
+from depthprint.runs.loops import FoundLoops, run_loops
+from depthprint.runs.simulate import SimulatedRecording, run_simulate
+from depthprint.runs.source import DataSource
+from depthprint.runs.stages import ProgressCallback, RunSummary, Stages, silent
+from depthprint.runs.threshold import background_threshold
+from depthprint.runs.train import TrainedModel, run_train
+
+__all__ = [
+    "DataSource",
+    "EncodedSequence",
+    "ExplainedStream",
+    "Explanation",
+    "FoundLoops",
+    "NearClass",
+    "ProgressCallback",
+    "RunSummary",
+    "SimulatedRecording",
+    "Stages",
+    "TrainedModel",
+    "background_threshold",
+    "describe_file",
+    "describe_installation",
+    "run_classify",
+    "run_demo",
+    "run_encode",
+    "run_evaluate_loops",
+    "run_evaluate_objects",
+    "run_explain",
+    "run_loops",
+    "run_simulate",
+    "run_train",
+    "silent",
+]

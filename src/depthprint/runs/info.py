@@ -1,0 +1,93 @@
+"""What is installed, and what a file of ours holds."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from depthprint.errors import ModelError
+from depthprint.runs.encode import SIGNATURES_FORMAT
+
+__all__ = ["describe_file", "describe_installation"]
+
+
+def describe_installation() -> dict[str, str]:
+    """Versions of depthprint and what computes for it, and the names of presets, data sets and methods."""
+    from depthprint.datasets.registry import OBJECT_SETS, SEQUENCES
+    from depthprint.object_methods import OBJECT_METHODS
+    from depthprint.place_methods import PLACE_METHODS
+    from depthprint.presets import PRESETS
+    from depthprint.run_folder import versions
+
+    facts = versions()
+    facts["presets"] = ", ".join(PRESETS)
+    facts["data sets"] = ", ".join(sorted({*SEQUENCES, *OBJECT_SETS}))
+    facts["methods for loops"] = ", ".join(PLACE_METHODS)
+    facts["methods for objects"] = ", ".join(OBJECT_METHODS)
+    return facts
+
+
+def describe_file(path: Path) -> dict[str, str]:
+    """Content of a model, dictionary or signature file; ModelError for a damaged or another file."""
+    if not path.is_file():
+        raise ModelError(f"{path}: no such file")
+    header = _header(path)
+    if header is not None and header.get("format") == SIGNATURES_FORMAT:
+        return {
+            "signatures": str(path),
+            **{key: _text(value) for key, value in header.items() if key != "format"},
+        }
+    if header is not None:
+        return _describe_model(path)
+    return _describe_dictionary(path)
+
+
+def _header(path: Path) -> dict[str, Any] | None:
+    """The JSON header of a model or of signatures; None for an archive without one."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile) or "header" not in archive.files:
+                return None
+            header = json.loads(bytes(archive["header"]).decode())
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ModelError(
+            f"{path}: expected a file of depthprint (.npz), found a damaged or other file ({error})"
+        ) from None
+    return header if isinstance(header, dict) else None
+
+
+def _describe_model(path: Path) -> dict[str, str]:
+    from depthprint.encoder import Encoder
+
+    encoder = Encoder.load(path)
+    facts = {"model": str(path), "preset": encoder.settings.name, "fingerprint": encoder.fingerprint}
+    for number, (stream, learned) in enumerate(zip(encoder.settings.streams, encoder.streams, strict=True)):
+        atoms = learned.dictionary.atoms
+        facts[f"stream {number}"] = (
+            f"{stream.view} {'+'.join(stream.channels)}".strip()
+            + f": {len(atoms)} {learned.dictionary.kind} atoms of {atoms.shape[1]} values, "
+            + f"{stream.n_nonzero} by {stream.pursuit}, clusters '{stream.clusters}', weight {stream.weight:g}"
+        )
+    return facts
+
+
+def _describe_dictionary(path: Path) -> dict[str, str]:
+    from depthprint.dictionary import Dictionary
+
+    dictionary = Dictionary.load(path)
+    return {
+        "dictionary": str(path),
+        "kind": dictionary.kind,
+        "atoms": f"{dictionary.atoms.shape[0]} of {dictionary.atoms.shape[1]} values",
+        "seed": str(dictionary.seed),
+        "fingerprint": dictionary.fingerprint,
+        **{key: _text(value) for key, value in dictionary.settings.items()},
+    }
+
+
+def _text(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,221 @@
+"""Find the loops of one recording: the package's main job, with everything it leaves behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.datasets.base import RangeSequence
+from depthprint.errors import DataError, SettingsError
+from depthprint.runs.models import require_model
+from depthprint.runs.source import DataSource, spread
+from depthprint.runs.stages import RunSummary, Stages, silent
+from depthprint.runs.threshold import background_threshold
+
+if TYPE_CHECKING:
+    from depthprint.encoder import Encoder
+    from depthprint.evaluation.ground_truth import TruthMatrix
+    from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
+
+__all__ = ["FoundLoops", "SampledDistances", "run_loops", "sample_distances", "truth_with_gap"]
+
+METHOD = "emd"
+# Frames whose distances are all taken, for the threshold and the figure: every pair costs EMDs.
+_SAMPLED_FRAMES = 200
+
+
+@dataclass(frozen=True)
+class SampledDistances:
+    """Distances (n, n) float64 between some frames, whose numbers are ``frames`` (n,) int64."""
+
+    frames: npt.NDArray[np.int64]
+    distances: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FoundLoops:
+    """Loops of one drive: every query's best match, the threshold, and whether it was given or set from the drive."""
+
+    records: tuple[LoopRecord, ...]
+    threshold: float | None
+    threshold_from: str
+
+    def accepted(self, record: LoopRecord) -> bool:
+        """Whether a query's match counts as a loop."""
+        return self.threshold is not None and record.match >= 0 and record.distance <= self.threshold
+
+    @property
+    def loops(self) -> tuple[LoopRecord, ...]:
+        """The matches that count, in time order."""
+        return tuple(record for record in self.records if self.accepted(record))
+
+
+def run_loops(
+    source: DataSource,
+    out: Path,
+    *,
+    preset: str | None = None,
+    model: Path | None = None,
+    threshold: float | None = None,
+    gap: int | None = None,
+    seed: int = 0,
+    stages: Stages = silent,
+) -> RunSummary:
+    """Compare each frame with those more than ``gap`` frames older, and write loops, scores and figures to ``out``.
+
+    A match is a loop when its distance is at most ``threshold``; None sets it by ``background_threshold``. With poses
+    the loops are scored by the query-wise protocol; without, results.json holds none. Raises DataError when the
+    recording is too short for the gap, and as its parts do; the folder appears only when all ended well.
+    """
+    from depthprint.evaluation.loops import evaluate_loops
+    from depthprint.place_methods import make_place_recognizer
+    from depthprint.run_folder import RunFolder
+    from depthprint.runs.loop_figures import draw_loop_figures
+
+    if threshold is not None and not math.isfinite(threshold):
+        raise SettingsError(f"threshold: expected a finite distance, got {threshold}")
+    sequence = truth_with_gap(source.open(stages("make the world")), gap)
+    encoder = require_model(model, preset, sequence.preset)
+    settings = {
+        "data": source.settings(),
+        "preset": encoder.settings.name,
+        "model": None if model is None else str(model),
+        "fingerprint": encoder.fingerprint,
+        "gap": sequence.truth.gap,
+        "threshold": threshold,
+        "encoder": encoder.settings.model_dump(mode="json"),
+    }
+    with RunFolder(out, settings, seed=seed) as run:
+        truth = _truth(sequence, stages)
+        recognizer = make_place_recognizer(METHOD, encoder.settings.name, encoder)
+        evaluation = evaluate_loops(
+            sequence, {METHOD: recognizer}, truth, seed=seed, progress=stages("find loops")
+        )
+        sample = sample_distances(sequence, encoder, stages)
+        found = _decide(evaluation.methods[0].records, threshold, sample, sequence.truth.gap)
+        results = _report(sequence, evaluation, found, settings)
+        run.write_json("results.json", results)
+        run.write_csv("loops.csv", *_rows(found, scored=sequence.poses is not None))
+        drawn = draw_loop_figures(run, sequence, encoder, evaluation, found, sample)
+    return RunSummary(
+        folder=out,
+        figures=tuple(out / "figures" / path.name for path in drawn),
+        sentence=_sentence(sequence, found),
+        results=results,
+        table=_table(results) if sequence.poses is not None else None,
+    )
+
+
+def truth_with_gap(sequence: RangeSequence, gap: int | None) -> RangeSequence:
+    """Set the gap where one is given; raise DataError when it leaves no frame anything to be compared with."""
+    if gap is not None:
+        if gap < 0:
+            raise SettingsError(f"gap: expected a number >= 0, got {gap}")
+        sequence = replace(sequence, truth=replace(sequence.truth, gap=gap))
+    if len(sequence) < sequence.truth.gap + 2:
+        frames = "a single frame" if len(sequence) == 1 else f"{len(sequence)} frames"
+        raise DataError(
+            f"{sequence.name}: {frames} and a gap of {sequence.truth.gap} leave nothing to compare; "
+            f"expected at least {sequence.truth.gap + 2} frames, or a smaller --gap"
+        )
+    return sequence
+
+
+def _truth(sequence: RangeSequence, stages: Stages) -> TruthMatrix:
+    from depthprint.evaluation.ground_truth import TruthMatrix, loop_ground_truth
+
+    if sequence.poses is not None:
+        return loop_ground_truth(sequence, sequence.truth, stages("ground truth"))
+    unknown = np.zeros((len(sequence), len(sequence)), dtype=np.int8)
+    return TruthMatrix(unknown, sequence.truth.gap, "none: poses are not known")
+
+
+def sample_distances(sequence: RangeSequence, encoder: Encoder, stages: Stages) -> SampledDistances:
+    """All distances between at most 200 frames, evenly spread."""
+    from depthprint.object_distances import complexity_distances
+
+    frames = spread(len(sequence), _SAMPLED_FRAMES)
+    progress = stages("compare a sample")
+    encodings = []
+    for done, frame in enumerate(frames):
+        encodings.append(encoder.describe(sequence[frame]))
+        progress(done + 1, len(frames))
+    return SampledDistances(np.array(frames, dtype=np.int64), complexity_distances(encoder, encodings))
+
+
+def _decide(
+    records: Sequence[LoopRecord], threshold: float | None, sample: SampledDistances, gap: int
+) -> FoundLoops:
+    if threshold is not None:
+        return FoundLoops(tuple(records), threshold, "given")
+    far = sample.frames[:, None] - sample.frames[None, :] > gap
+    learned = None
+    if far.sum() > 1:
+        candidates = float(np.mean([record.query - gap for record in records]))
+        learned = background_threshold(sample.distances[far], candidates)
+    return FoundLoops(tuple(records), learned, "spread of the distances of frames far apart in time")
+
+
+def _report(
+    sequence: RangeSequence, evaluation: LoopEvaluation, found: FoundLoops, settings: dict[str, Any]
+) -> dict[str, Any]:
+    from depthprint.evaluation.report import loop_report
+
+    report = loop_report(evaluation, settings)
+    loops = found.loops
+    report["loops"] = {
+        "accepted": len(loops),
+        "threshold": found.threshold,
+        "threshold_from": found.threshold_from,
+    }
+    if sequence.poses is None:
+        figures = report["methods"][METHOD]
+        report["methods"] = {METHOD: {key: figures[key] for key in figures if key.startswith("ms_")}}
+    else:
+        report["loops"] |= {
+            "true": sum(r.outcome == 1 for r in loops),
+            "false": sum(r.outcome == -1 for r in loops),
+            "ignored": sum(r.outcome == 0 for r in loops),
+        }
+    return report
+
+
+def _rows(found: FoundLoops, *, scored: bool) -> tuple[list[str], list[list[Any]]]:
+    names = {1: "positive", 0: "ignore", -1: "negative"}
+    header = ["query", "match", "distance", "shift", "accepted"]
+    rows = []
+    for record in found.records:
+        made = asdict(record)
+        cells = [made[name] for name in header[:-1]]
+        if record.match < 0:
+            cells[1] = None
+        cells.append(int(found.accepted(record)))
+        if scored:
+            cells += [names[record.outcome] if record.match >= 0 else None, int(record.has_positive)]
+        rows.append(cells)
+    return header + (["outcome", "has_positive"] if scored else []), rows
+
+
+def _table(results: dict[str, Any]) -> Any:
+    from depthprint.evaluation.report import results_table
+
+    return results_table(results)
+
+
+def _sentence(sequence: RangeSequence, found: FoundLoops) -> str:
+    kind = "simulated" if sequence.simulated else "recorded"
+    n, loops = len(sequence), found.loops
+    if found.threshold is None or not loops:
+        return f"No frame of the {n} {kind} ones is near enough to an earlier place to be called a loop."
+    first = f"{len(loops)} of {n} {kind} frames return to a place seen before (distance at most {found.threshold:.3g})"
+    if sequence.poses is None:
+        return first + "; without poses nobody can say how many of them are right."
+    true, false = (sum(r.outcome == value for r in loops) for value in (1, -1))
+    to_find = sum(r.has_positive for r in found.records)
+    return first + f": by the poses {true} are right, {false} wrong, and there were {to_find} to find."
