@@ -7,11 +7,11 @@ from pathlib import Path
 
 from depthprint.datasets.base import LoopTruth, RangeSequence
 from depthprint.errors import SettingsError
-from depthprint.projection import Pinhole
 
 __all__ = ["simulated_street"]
 
 _GAP_FRAMES = 100
+_PRESETS = {"lidar": "lidar", "laser": "laser"}
 
 
 def simulated_street(
@@ -27,7 +27,8 @@ def simulated_street(
     """Drive a simulated town; frames are ray cast as they are read, the same bits in any order.
 
     poses_file: KITTI pose file whose horizontal path is driven; else a built-in route of ``length_m`` metres with
-        loops in both directions. every: take every k-th frame. sensor: 'stereo', 'kinect' or 'lidar'. seed: of the
+        loops in both directions. every: take every k-th frame. sensor: 'stereo', 'kinect', 'lidar' (a spinning one)
+        or 'laser' (one planar row over 180 degrees). seed: of the
         town, its traffic and the noise; different seeds are different towns. cars_redrawn: share of the parking
         slots whose car is drawn anew at each later visit.
     Raises SettingsError for a wrong option, DataError for a wrong pose file.
@@ -52,14 +53,13 @@ def simulated_street(
     poses = drive.poses()[::every]
     if progress is not None:
         progress(2, 2)
-    forward = isinstance(SENSORS[sensor].projection, Pinhole)
     where = "built-in route" if poses_file is None else Path(poses_file).stem
     return RangeSequence(
         name=f"simulated_street/{where} ({sensor}, seed {seed}, {cars_redrawn:.0%} of parked cars redrawn)",
         read=lambda index: drive.measure(index * every),
         length=len(poses),
-        preset="street" if forward else "lidar",
+        preset=_PRESETS.get(sensor, "street"),
         poses=poses,
-        truth=LoopTruth(gap=max(1, _GAP_FRAMES // every), heading_deg=45.0 if forward else None),
+        truth=LoopTruth(gap=max(1, _GAP_FRAMES // every), heading_deg=None if sensor == "lidar" else 45.0),
         simulated=True,
     )

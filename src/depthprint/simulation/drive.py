@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.projection import Pinhole, Projection, Spherical
+from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.simulation.meshes import Triangles
 from depthprint.simulation.parking import parked_cars, visit_switches
@@ -35,11 +36,13 @@ class SensorModel:
 _STEREO = Pinhole(fx=718.856 / 4, fy=718.856 / 4, cx=607.1928 / 4, cy=185.2157 / 4, width=310, height=94)
 _KINECT = Pinhole(fx=575.8 / 4, fy=575.8 / 4, cx=79.5, cy=59.5, width=160, height=120)
 _LIDAR = Spherical(width=720, height=64)
+_LASER = LaserRow(360, -math.pi / 2, math.pi / 360)
 
 SENSORS: dict[str, SensorModel] = {
     "stereo": SensorModel(_STEREO, 1.65, lambda ranges, rng: stereo_noise(ranges, _STEREO, rng)),
     "kinect": SensorModel(_KINECT, 1.2, lambda ranges, rng: kinect_noise(ranges, _KINECT, rng, far_m=10.0)),
-    "lidar": SensorModel(_LIDAR, 1.73, lambda ranges, rng: lidar_noise(ranges, _LIDAR, rng)),
+    "lidar": SensorModel(_LIDAR, 1.73, lidar_noise),
+    "laser": SensorModel(_LASER, 0.5, lambda ranges, rng: lidar_noise(ranges, rng, near_m=0.1, far_m=80.0)),
 }
 
 

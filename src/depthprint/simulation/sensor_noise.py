@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.projection import Pinhole, Spherical
+from depthprint.projection import Pinhole
 
 __all__ = ["kinect_noise", "lidar_noise", "stereo_noise"]
 
@@ -57,9 +57,9 @@ def kinect_noise(
 
 
 def lidar_noise(
-    ranges_m: Ranges, projection: Spherical, rng: np.random.Generator, *, near_m: float = 1.0, far_m: float = 100.0
+    ranges_m: Ranges, rng: np.random.Generator, *, near_m: float = 1.0, far_m: float = 100.0
 ) -> Ranges:
-    """Ranges of a spinning LiDAR: 2 cm of noise, a few returns lost."""
+    """Ranges of a laser: 2 cm of noise, a few returns lost."""
     measured = ranges_m + _LIDAR_SIGMA_M * rng.standard_normal(ranges_m.shape)
     return _within(measured, rng.random(ranges_m.shape) >= _LIDAR_LOST, near_m, far_m)
 
