@@ -49,15 +49,12 @@ def test_the_same_seed_gives_the_same_model(preset):
 @pytest.mark.parametrize("preset", ["street", "object", "literal"])
 def test_a_saved_model_loads_and_gives_the_same_signatures(preset, tmp_path):
     encoder, images = fitted(preset)
-    path = encoder.save(tmp_path / "model.npz")
-    loaded = Encoder.load(path)
-    again = Encoder.load(loaded.save(tmp_path / "again.npz"))
-    first, second = loaded.describe(images[0]).signatures, again.describe(images[0]).signatures
-    original = encoder.describe(images[0]).signatures
-    for a, b, c in zip(first, second, original, strict=True):
+    loaded = Encoder.load(encoder.save(tmp_path / "model.npz"))
+    assert loaded.fingerprint == encoder.fingerprint
+    for a, b in zip(loaded.describe(images[0]).signatures, encoder.describe(images[0]).signatures, strict=True):
         assert a.fingerprint == b.fingerprint
         assert np.array_equal(a.points, b.points)
-        assert np.allclose(a.weights, c.weights, rtol=1e-4, atol=1e-4)
+        assert np.array_equal(a.weights, b.weights)
 
 
 def test_a_street_model_finds_a_shifted_view_and_says_by_how_much():
@@ -85,7 +82,7 @@ def test_a_model_of_another_version_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr("depthprint.encoder_file.FORMAT_VERSION", 99)
     path = fitted("street")[0].save(tmp_path / "model.npz")
     monkeypatch.undo()
-    with pytest.raises(ModelError, match="version 1, found 99"):
+    with pytest.raises(ModelError, match="version 1, got .* version 99"):
         Encoder.load(path)
 
 

@@ -16,6 +16,7 @@ __all__ = ["COMPRESSORS", "compressed_length", "conditional_complexity", "emd_co
 
 _PPM_ORDER = 6
 _PPM_MEMORY = 16 << 20
+_PPM_SMALL_DATA, _PPM_SMALL_MEMORY = 16 << 10, 1 << 20
 # "BZh9", then mark and checksum of the first block and of the stream's end
 _BZ2_FRAME = 4 + 10 + 10
 
@@ -60,18 +61,23 @@ def compressed_length(data: bytes, compressor: str = "gzip") -> int:
 
 
 def _deflate(data: bytes) -> int:
-    stream = zlib.compressobj(9, zlib.DEFLATED, -15)
+    # A window and tables no larger than the data cost less to set up and give the same stream.
+    bits = min(15, max(9, (len(data) - 1).bit_length()))
+    stream = zlib.compressobj(9, zlib.DEFLATED, -bits, max(1, bits - 6))
     return len(stream.compress(data)) + len(stream.flush())
 
 
 def _bz2(data: bytes) -> int:
-    return len(bz2.compress(data, 9)) - _BZ2_FRAME
+    # Blocks are level x 100 kB; up to one block the level changes nothing but the memory touched.
+    level = min(9, 1 + len(data) // 100_000)
+    return len(bz2.compress(data, level)) - _BZ2_FRAME
 
 
 def _ppm(data: bytes) -> int:
     import pyppmd
 
-    stream = pyppmd.Ppmd7Encoder(_PPM_ORDER, _PPM_MEMORY)
+    memory = _PPM_SMALL_MEMORY if len(data) <= _PPM_SMALL_DATA else _PPM_MEMORY
+    stream = pyppmd.Ppmd7Encoder(_PPM_ORDER, memory)
     return len(stream.encode(data)) + len(stream.flush(endmark=False))
 
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,21 +23,6 @@ FloatArray = npt.NDArray[np.float64]
 _FORMAT = "depthprint dictionary"
 _VERSION = 1
 _UNIT_TOLERANCE = 1e-6
-
-# What zipfile, zlib, json and numpy raise on a damaged file; RuntimeError covers NotImplementedError.
-_UNREADABLE = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    RuntimeError,
-    SyntaxError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +77,7 @@ class Dictionary:
     @cached_property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits that change with any bit of the atoms or setting."""
-        digest = hashlib.sha256(self._header().encode())
+        digest = hashlib.sha256(json.dumps(self._header(), sort_keys=True).encode())
         digest.update(np.ascontiguousarray(self.atoms, dtype="<f8").tobytes())
         return digest.hexdigest()[:16]
 
@@ -134,12 +116,9 @@ class Dictionary:
 
     def save(self, path: Path | str) -> None:
         """Write the dictionary to one .npz file, whole or not at all."""
-        from depthprint.io.atomic import atomic_path
+        from depthprint.io.archive import write_archive
 
-        header = np.array(self._header())
-        fingerprint = np.array(self.fingerprint)
-        with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(file, header=header, fingerprint=fingerprint, atoms=self.atoms)
+        write_archive(path, self._header(), {"fingerprint": np.array(self.fingerprint), "atoms": self.atoms})
 
     @classmethod
     def load(cls, path: Path | str) -> Dictionary:
@@ -148,25 +127,13 @@ class Dictionary:
         Raises ModelError, naming the file, when it is missing, damaged, of another kind or of another
         version.
         """
+        from depthprint.io.archive import DAMAGED, read_archive
+
+        header, arrays = read_archive(path, "dictionary", _FORMAT, _VERSION)
         try:
-            # Read whole first: numpy leaves a damaged file open.
-            content = io.BytesIO(Path(path).read_bytes())
-            with np.load(content, allow_pickle=False) as archive:
-                header = json.loads(str(archive["header"]))
-                found = (header["format"], header["version"])
-        except _UNREADABLE as error:
-            reason = str(error) or type(error).__name__
-            raise ModelError(f"{path}: expected a dictionary file, got {reason}") from error
-        if found != (_FORMAT, _VERSION):
-            raise ModelError(
-                f"{path}: expected {_FORMAT!r} version {_VERSION}, got {found[0]!r} version {found[1]}"
-            )
-        try:
-            content.seek(0)
-            with np.load(content, allow_pickle=False) as archive:
-                fingerprint = str(archive["fingerprint"])
-                loaded = cls(archive["atoms"], header["kind"], header["settings"], header["seed"])
-        except _UNREADABLE as error:
+            fingerprint = str(arrays["fingerprint"])
+            loaded = cls(arrays["atoms"], header["kind"], header["settings"], header["seed"])
+        except DAMAGED as error:
             raise ModelError(f"{path}: expected a whole dictionary file, got {error}") from error
         if loaded.fingerprint != fingerprint:
             raise ModelError(
@@ -175,8 +142,8 @@ class Dictionary:
             )
         return loaded
 
-    def _header(self) -> str:
-        content = {
+    def _header(self) -> dict[str, Any]:
+        return {
             "format": _FORMAT,
             "version": _VERSION,
             "kind": self.kind,
@@ -184,4 +151,3 @@ class Dictionary:
             "seed": self.seed,
             "shape": list(self.atoms.shape),
         }
-        return json.dumps(content, sort_keys=True)

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthprint.dictionary import Dictionary
 from depthprint.errors import DepthprintError, ModelError
-from depthprint.io.atomic import atomic_path
+from depthprint.io.archive import DAMAGED, read_archive, write_archive
 from depthprint.settings import EncoderSettings
 
 if TYPE_CHECKING:
     from depthprint.encoder import Encoder
 
-__all__ = ["FORMAT_VERSION", "load_encoder", "save_encoder", "shipped_model_path"]
+__all__ = ["FORMAT_VERSION", "load_encoder", "pack_atoms", "save_encoder", "shipped_model_path", "unpack_atoms"]
 
-FORMAT = "depthprint-encoder"
+FORMAT = "depthprint model"
 FORMAT_VERSION = 1
+
+FloatArray = npt.NDArray[np.float64]
 
 
 def shipped_model_path(preset: str) -> Path:
@@ -45,12 +46,11 @@ def save_encoder(encoder: Encoder, path: Path) -> Path:
             for s in encoder.streams
         ],
     }
-    arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+    arrays: dict[str, npt.NDArray[Any]] = {}
     for number, stream in enumerate(encoder.streams):
-        arrays[f"atoms_{number}"] = stream.dictionary.atoms.astype(np.float32)
+        arrays[f"atoms_{number}"] = pack_atoms(stream.dictionary.atoms)
         arrays[f"basis_{number}"] = stream.basis.astype(np.float32)
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream_out:
-        np.savez_compressed(stream_out, **arrays)
+    write_archive(path, header, arrays)
     return path
 
 
@@ -58,40 +58,34 @@ def load_encoder(path: Path) -> Encoder:
     """Read what ``save_encoder`` wrote; anything else raises ModelError naming the file and what is wrong."""
     from depthprint.encoder import Encoder, StreamModel
 
-    if not path.is_file():
-        raise ModelError(f"{path}: no such model file")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(bytes(archive["header"]).decode())
-            arrays = {name: archive[name] for name in archive.files if name != "header"}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, UnicodeDecodeError) as error:
-        raise ModelError(f"{path}: expected a depthprint model (.npz), found a damaged or other file ({error})") from None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ModelError(f"{path}: expected a depthprint model, found format {_format_of(header)!r}")
-    if header.get("version") != FORMAT_VERSION:
-        raise ModelError(
-            f"{path}: expected model version {FORMAT_VERSION}, found {header.get('version')!r}; train it again"
-        )
+    header, arrays = read_archive(path, "depthprint model", FORMAT, FORMAT_VERSION)
     try:
         settings = EncoderSettings.parse(header["settings"])
         streams = tuple(
             StreamModel(
-                Dictionary(_unit_rows(arrays[f"atoms_{number}"]), kind["kind"], kind["settings"], kind["seed"]),
+                Dictionary(unpack_atoms(arrays[f"atoms_{number}"]), made["kind"], made["settings"], made["seed"]),
                 np.asarray(arrays[f"basis_{number}"], dtype=np.float64),
             )
-            for number, kind in enumerate(header["dictionaries"])
+            for number, made in enumerate(header["dictionaries"])
         )
-    except (KeyError, TypeError, DepthprintError) as error:
-        raise ModelError(f"{path}: damaged model: {error}") from None
-    if len(streams) != len(settings.streams):
-        raise ModelError(f"{path}: expected {len(settings.streams)} dictionaries, found {len(streams)}")
-    return Encoder(settings, streams)
+        encoder = Encoder(settings, streams)
+        expected = header["fingerprint"]
+    except (*DAMAGED, DepthprintError) as error:
+        raise ModelError(f"{path}: expected a whole model file, got {error}") from error
+    if not encoder.fitted or encoder.fingerprint != expected:
+        raise ModelError(
+            f"{path}: expected a model of fingerprint {expected}, got {encoder.fingerprint}; the file was altered"
+        )
+    return encoder
 
 
-def _unit_rows(atoms: Any) -> Any:
-    rows = np.asarray(atoms, dtype=np.float64)
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+def pack_atoms(atoms: FloatArray) -> npt.NDArray[np.int8]:
+    """Atoms in 8 bits, each scaled to its largest entry: (n, d) int8."""
+    largest = np.abs(atoms).max(axis=1, keepdims=True)
+    return np.asarray(np.round(atoms / largest * 127), dtype=np.int8)
 
 
-def _format_of(header: object) -> object:
-    return header.get("format") if isinstance(header, dict) else type(header).__name__
+def unpack_atoms(packed: npt.NDArray[np.int8]) -> FloatArray:
+    """Unit atoms of their 8-bit form. What ``fit`` keeps has been through both, so that a saved model is the same."""
+    rows = packed.astype(np.float64)
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))

@@ -11,6 +11,7 @@ from depthprint.clusters import make_clusters
 from depthprint.dictionary import Dictionary
 from depthprint.dictionary_learning import learn_dictionary, random_patches_dictionary
 from depthprint.encoder import StreamModel, _code
+from depthprint.encoder_file import pack_atoms, unpack_atoms
 from depthprint.errors import DataError
 from depthprint.parametric_dictionary import parametric_dictionary
 from depthprint.patches import Patches, extract_patches
@@ -33,8 +34,11 @@ def fit_stream(
     """Learn one stream: a dictionary of its patches, then the basis of its clusters."""
     patches = _training_patches(images, stream, settings, report)
     rng = np.random.default_rng(settings.seed)
-    dictionary = _learn(patches, stream, settings, rng)
-    return StreamModel(dictionary, _cluster_basis(patches, dictionary, stream, rng))
+    learned = _learn(patches, stream, settings, rng)
+    # As a model file holds it: a saved and loaded encoder gives the same signatures, bit for bit.
+    dictionary = Dictionary(unpack_atoms(pack_atoms(learned.atoms)), learned.kind, learned.settings, learned.seed)
+    basis = _cluster_basis(patches, dictionary, stream, rng).astype(np.float32).astype(np.float64)
+    return StreamModel(dictionary, basis)
 
 
 def _training_patches(

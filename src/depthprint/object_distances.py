@@ -76,7 +76,7 @@ def cosine_distances(encoder: Encoder, queries: Sequence[Encoding]) -> FloatArra
             flipped += weight * (mirrored @ straight.T)
     if encoder.settings.mirror:
         total = np.maximum(total, np.maximum(flipped, flipped.T))
-    return np.asarray(1.0 - total / sum(weights))
+    return np.maximum(1.0 - total / sum(weights), 0.0)
 
 
 def _unit_rows(grids: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:

@@ -39,7 +39,8 @@ class PrecomputedDistanceMethod:
 
     distance_matrix_fn: (images, progress) -> (n, n) symmetric, finite. With ``describe_fn`` it is given
     ``describe_fn(images, progress)`` in their place, and ``us_per_pair`` leaves the description out: the time
-    of the matrix by the number of distinct pairs. Of views equally near, the first wins.
+    of the matrix by the number of distinct pairs. ``local_scaling``: as NearestComplexityClassifier has it.
+    Of views equally near, the first wins.
     """
 
     def __init__(
@@ -47,11 +48,13 @@ class PrecomputedDistanceMethod:
         distance_matrix_fn: Callable[[Any, Progress | None], npt.NDArray[np.floating[Any]]],
         name: str,
         describe_fn: Callable[[Sequence[RangeImage], Progress | None], Any] | None = None,
+        local_scaling: int = 0,
     ) -> None:
         self.name = name
         self.us_per_pair = float("nan")
         self._distance_matrix_fn = distance_matrix_fn
         self._describe_fn = describe_fn
+        self._local_scaling = local_scaling
         self._distances: npt.NDArray[np.floating[Any]] | None = None
 
     @property
@@ -82,4 +85,9 @@ class PrecomputedDistanceMethod:
 
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
         """Label of the nearest training view, for each test view."""
-        return np.asarray(train_labels[np.argmin(self.distances[np.ix_(test, train)], axis=1)])
+        from depthprint.classification import NearestComplexityClassifier
+
+        classifier = NearestComplexityClassifier(local_scaling=self._local_scaling)
+        among_training = self.distances[np.ix_(train, train)] if self._local_scaling else None
+        classifier.fit(among_training, train_labels)
+        return np.asarray(classifier.predict(self.distances[np.ix_(test, train)]))

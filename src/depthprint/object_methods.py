@@ -1,0 +1,89 @@
+"""The registry of methods that name objects: ours, its ablations and the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.encoder import Encoder
+from depthprint.errors import ModelError, SettingsError
+from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
+from depthprint.object_distances import (
+    complexity_distances,
+    compression_distances,
+    cosine_distances,
+    pixel_distances,
+)
+from depthprint.place_methods import load_shipped_encoder
+from depthprint.range_image import RangeImage
+
+__all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method"]
+
+Progress = Callable[[int, int], None]
+
+# Every nearest-neighbour method, ours or not, has its distances scaled by those to the 10th neighbour.
+LOCAL_SCALING = 10
+
+
+def _coded(
+    name: str, encoder: Encoder, distances: Callable[[Encoder, Any], npt.NDArray[np.float64]]
+) -> ObjectMethod:
+    return PrecomputedDistanceMethod(
+        lambda encodings, _: distances(encoder, encodings),
+        name,
+        describe_fn=encoder.describe_many,
+        local_scaling=LOCAL_SCALING,
+    )
+
+
+def _emd(name: str, encoder: Encoder) -> ObjectMethod:
+    return _coded(name, encoder, complexity_distances)
+
+
+def _emd_literal(name: str, encoder: Encoder) -> ObjectMethod:
+    return _coded(name, load_shipped_encoder("literal"), complexity_distances)
+
+
+def _cosine(name: str, encoder: Encoder) -> ObjectMethod:
+    return _coded(name, encoder, cosine_distances)
+
+
+def _pixel_l2(name: str, encoder: Encoder) -> ObjectMethod:
+    return PrecomputedDistanceMethod(
+        lambda images, _: pixel_distances(images), name, local_scaling=LOCAL_SCALING
+    )
+
+
+def _compression(name: str, encoder: Encoder) -> ObjectMethod:
+    def distances(images: Sequence[RangeImage], progress: Progress | None) -> npt.NDArray[np.float64]:
+        return compression_distances(images, name.removeprefix("ncd-"), progress)
+
+    return PrecomputedDistanceMethod(distances, name, local_scaling=LOCAL_SCALING)
+
+
+OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
+    "emd": _emd,
+    "emd-literal": _emd_literal,
+    "cosine": _cosine,
+    "pixel-l2": _pixel_l2,
+    "ncd-gzip": _compression,
+    "ncd-bz2": _compression,
+    "ncd-ppm": _compression,
+    "ncd-lzma": _compression,
+    "ncd-zstd": _compression,
+}
+
+
+def make_object_method(name: str, preset: str = "object", model: Encoder | None = None) -> ObjectMethod:
+    """Build a method by its registry name; ``model`` replaces the encoder that ships for ``preset``.
+
+    Raises SettingsError on an unknown name, ModelError when the model is not fitted.
+    """
+    if name not in OBJECT_METHODS:
+        raise SettingsError(f"method: expected one of {', '.join(OBJECT_METHODS)}, got {name!r}")
+    if model is not None and not model.fitted:
+        raise ModelError(f"model {model.settings.name!r}: not fitted")
+    return OBJECT_METHODS[name](name, load_shipped_encoder(preset) if model is None else model)

@@ -1,0 +1,75 @@
+"""Train the models that the package ships, on simulated worlds alone: python tools/train_shipped_models.py [PRESET ...].
+
+No seed here is used by the demo, the tests or the evaluation.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from depthprint.datasets.base import RangeSequence
+from depthprint.datasets.simulated_street import simulated_street
+from depthprint.encoder import Encoder
+from depthprint.range_image import RangeImage
+
+MODELS = Path(__file__).parents[1] / "src" / "depthprint" / "models"
+TOWNS = (11, 12, 13)
+ROOMS = 21
+OBJECTS = 31
+
+
+def spread(sequence: RangeSequence, count: int) -> list[RangeImage]:
+    """Take ``count`` frames evenly from a sequence."""
+    return [sequence[int(i)] for i in np.linspace(0, len(sequence) - 1, count)]
+
+
+def street_frames(sensor: str, count: int) -> list[RangeImage]:
+    """Frames of all training towns."""
+    share = count // len(TOWNS)
+    return [f for seed in TOWNS for f in spread(simulated_street(seed=seed, sensor=sensor), share)]
+
+
+def room_frames(count: int) -> list[RangeImage]:
+    """Frames of furnished rooms, seen by a hand-held camera."""
+    from depthprint.simulation.rooms import simulated_rooms
+
+    return spread(simulated_rooms(n_frames=2 * count, seed=ROOMS), count)
+
+
+def object_crops(count: int) -> list[RangeImage]:
+    """Masked crops of simulated objects."""
+    from depthprint.simulation.objects import simulated_objects
+
+    objects = simulated_objects(n_categories=30, n_instances=3, frames=3, seed=OBJECTS)
+    chosen = np.random.default_rng(OBJECTS).permutation(len(objects.views))[:count]
+    return [objects.read(objects.views[i]) for i in np.sort(chosen)]
+
+
+TRAINING = {
+    "literal": lambda: street_frames("stereo", 420) + room_frames(300) + object_crops(300),
+    "object": lambda: object_crops(400),
+    "street": lambda: street_frames("stereo", 300),
+    "handheld": lambda: room_frames(240),
+    "lidar": lambda: street_frames("lidar", 240),
+    "laser": lambda: street_frames("laser", 600),
+}
+
+
+def main(presets: Sequence[str]) -> None:
+    """Train and save the named presets, all by default."""
+    MODELS.mkdir(exist_ok=True)
+    for preset in presets or TRAINING:
+        started = time.perf_counter()
+        images = TRAINING[preset]()
+        path = Encoder.from_preset(preset).fit(images).save(MODELS / f"{preset}.npz")
+        seconds = time.perf_counter() - started
+        print(f"{path.name}: {len(images)} simulated images, {path.stat().st_size // 1024} KiB, {seconds:.0f} s")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
