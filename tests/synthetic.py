@@ -10,7 +10,9 @@ from depthprint.range_image import RangeImage
 CAMERA = Pinhole(fx=80.0, fy=80.0, cx=63.5, cy=47.5, width=128, height=96)
 
 
-def boxes(seed: int, projection: Projection = CAMERA, *, height_m: float | None = 1.5, shift: int = 0) -> RangeImage:
+def boxes(
+    seed: int, projection: Projection = CAMERA, *, height_m: float | None = 1.5, shift: int = 0
+) -> RangeImage:
     """A wall with boxes at random places; equal seeds give equal scenes, ``shift`` moves them sideways in pixels."""
     rng = np.random.default_rng(seed)
     h, w = projection.height, projection.width
@@ -35,7 +37,9 @@ def crop(seed: int) -> RangeImage:
     yy, xx = np.mgrid[-1:1:60j, -1:1:50j]
     radius = np.hypot(xx / rng.uniform(0.5, 0.9), yy / rng.uniform(0.5, 0.9))
     mask = radius < 1
-    bump = 0.1 * np.sqrt(np.clip(1 - radius**rng.uniform(1, 3), 0, 1)) + 0.02 * np.sin(8 * rng.random() * xx)
+    bump = 0.1 * np.sqrt(np.clip(1 - radius ** rng.uniform(1, 3), 0, 1)) + 0.02 * np.sin(
+        8 * rng.random() * xx
+    )
     depth = 1.0 - np.where(mask, bump, 0.0)
     camera = Pinhole(fx=575.8, fy=575.8, cx=30.0, cy=20.0, width=50, height=60)
     return RangeImage(depth.astype(np.float32), camera, mask=mask, source=f"crop {seed}")

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from synthetic import boxes, crop, scan
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError, ModelError, SettingsError
 from depthprint.presets import PRESETS, preset_settings
 from depthprint.settings import EncoderSettings
+from synthetic import boxes, crop, scan
 
 IMAGES = {
     "object": [crop(i) for i in range(12)],
@@ -20,7 +20,9 @@ def small(preset: str) -> EncoderSettings:
     """The preset with few atoms, so that a dozen images suffice."""
     settings = preset_settings(preset)
     n = 8 if preset == "literal" else 32
-    streams = tuple(s.model_copy(update={"n_atoms": n, "n_nonzero": min(4, s.n_nonzero)}) for s in settings.streams)
+    streams = tuple(
+        s.model_copy(update={"n_atoms": n, "n_nonzero": min(4, s.n_nonzero)}) for s in settings.streams
+    )
     return settings.model_copy(update={"streams": streams})
 
 
@@ -51,7 +53,9 @@ def test_a_saved_model_loads_and_gives_the_same_signatures(preset, tmp_path):
     encoder, images = fitted(preset)
     loaded = Encoder.load(encoder.save(tmp_path / "model.npz"))
     assert loaded.fingerprint == encoder.fingerprint
-    for a, b in zip(loaded.describe(images[0]).signatures, encoder.describe(images[0]).signatures, strict=True):
+    for a, b in zip(
+        loaded.describe(images[0]).signatures, encoder.describe(images[0]).signatures, strict=True
+    ):
         assert a.fingerprint == b.fingerprint
         assert np.array_equal(a.points, b.points)
         assert np.array_equal(a.weights, b.weights)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from synthetic import boxes
 
 from depthprint.clusters import cell_grid, make_clusters
 from depthprint.errors import SettingsError
@@ -15,7 +14,9 @@ RNG = np.random.default_rng(3)
 
 
 def random_view(c=2, h=12, w=16) -> View:
-    return View(RNG.normal(size=(c, h, w)).astype(np.float32), np.ones((h, w), bool), np.ones((h, w), np.float32))
+    return View(
+        RNG.normal(size=(c, h, w)).astype(np.float32), np.ones((h, w), bool), np.ones((h, w), np.float32)
+    )
 
 
 def atoms_for(d, n=32):
@@ -35,7 +36,9 @@ def test_patches_hold_the_pixels_at_their_positions():
 
 def test_wrapped_columns_continue_round_the_edge():
     view = random_view(1, 5, 8)
-    stream = StreamSettings(view="polar", channels=("height",), patch_shape=(0, 3), stride=1, clusters="patches")
+    stream = StreamSettings(
+        view="polar", channels=("height",), patch_shape=(0, 3), stride=1, clusters="patches"
+    )
     patches = extract_patches(view, stream, wraps=True)
     assert len(patches.vectors) == 8
     last = patches.vectors[7].reshape(5, 3)

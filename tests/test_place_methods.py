@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from synthetic import boxes
-from test_encoder import DEFAULT, IMAGES, small
 
 from depthprint import place_methods
 from depthprint.encoder import Encoder
 from depthprint.errors import SettingsError
 from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
+from synthetic import boxes
+from test_encoder import DEFAULT, IMAGES, small
 
 QUICK = [name for name in PLACE_METHODS if name != "ncd-zstd"]
 PRESETS_OF_PLACES = ("street", "handheld", "laser", "lidar")
@@ -45,8 +45,12 @@ def test_places_are_numbered_in_order_and_each_is_nearest_to_itself(case):
     assert [recognizer.add(d) for d in descriptions] == list(range(len(images)))
     for number, description in enumerate(descriptions):
         best = recognizer.query(description, k=1)[0]
-        assert best.distance == pytest.approx(recognizer.distance(description, descriptions[best.place]), abs=1e-4)
-        assert best.distance == pytest.approx(recognizer.distance(description, descriptions[number]), abs=1e-4)
+        assert best.distance == pytest.approx(
+            recognizer.distance(description, descriptions[best.place]), abs=1e-4
+        )
+        assert best.distance == pytest.approx(
+            recognizer.distance(description, descriptions[number]), abs=1e-4
+        )
 
 
 def test_a_query_returns_the_k_smallest_distances_in_order(case):

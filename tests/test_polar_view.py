@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from synthetic import boxes, scan
 
 from depthprint.errors import SettingsError
 from depthprint.polar_view import polar_view
 from depthprint.projection import LaserRow, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.settings import PolarSettings
+from synthetic import boxes, scan
 
 FULL = PolarSettings(sectors=36, rings=20, ring_m=1.0, full_circle=True, smoothing=0.0)
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from synthetic import CAMERA, boxes, crop
 
 from depthprint.errors import DataError
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings, StreamSettings
 from depthprint.views import make_view
+from synthetic import CAMERA, boxes, crop
 
 
 def view_of(image, name, **options):

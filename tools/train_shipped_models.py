@@ -68,7 +68,9 @@ def main(presets: Sequence[str]) -> None:
         images = TRAINING[preset]()
         path = Encoder.from_preset(preset).fit(images).save(MODELS / f"{preset}.npz")
         seconds = time.perf_counter() - started
-        print(f"{path.name}: {len(images)} simulated images, {path.stat().st_size // 1024} KiB, {seconds:.0f} s")
+        print(
+            f"{path.name}: {len(images)} simulated images, {path.stat().st_size // 1024} KiB, {seconds:.0f} s"
+        )
 
 
 if __name__ == "__main__":

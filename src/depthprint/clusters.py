@@ -67,7 +67,9 @@ def _cells(
         model.n_atoms, stream.signed,
     )  # fmt: skip
     occupied = (np.diff(model.indptr) > 0).astype(np.float64)
-    near = (np.abs(patches.positions[None] - centres[:, None]) <= half_widths[:, None, None]).all(2) * occupied
+    near = (np.abs(patches.positions[None] - centres[:, None]) <= half_widths[:, None, None]).all(
+        2
+    ) * occupied
     depth = near @ patches.depth / np.maximum(near.sum(1), 1)
     return Clusters(pooled, centres, depth)
 

@@ -134,7 +134,9 @@ class Encoder:
         self._require_fitted()
         settings, model = self.settings.streams[stream], self.streams[stream]
         view = make_view(image, settings, self.settings)
-        patches = extract_patches(view, settings, self.settings.polar.full_circle and settings.view == "polar")
+        patches = extract_patches(
+            view, settings, self.settings.polar.full_circle and settings.view == "polar"
+        )
         return view, patches, _code(patches, model.dictionary, settings)
 
     def make_index(self) -> SignatureIndex:
@@ -153,7 +155,10 @@ class Encoder:
         if len(sectors) == 1:
             return None
         n = self.settings.polar.sectors
-        return [np.asarray(sectors, dtype=np.float64)[:, None] * s.position_weight / n for s in self.settings.streams]
+        return [
+            np.asarray(sectors, dtype=np.float64)[:, None] * s.position_weight / n
+            for s in self.settings.streams
+        ]
 
     def shift_sectors(self) -> list[int]:
         """The shifts in sectors, in the order of ``shifts``."""
@@ -195,7 +200,11 @@ class Encoder:
 
 
 def encode_clusters(
-    image: RangeImage, stream: StreamSettings, settings: EncoderSettings, dictionary: Dictionary, mirror: bool = False
+    image: RangeImage,
+    stream: StreamSettings,
+    settings: EncoderSettings,
+    dictionary: Dictionary,
+    mirror: bool = False,
 ) -> Clusters:
     """Range image -> view -> patches -> sparse model -> clusters."""
     view = make_view(image, stream, settings, mirror)
@@ -204,7 +213,9 @@ def encode_clusters(
     return make_clusters(model, patches, dictionary.atoms, stream)
 
 
-def make_signature(clusters: Clusters, stream: StreamSettings, basis: FloatArray, fingerprint: str) -> Signature:
+def make_signature(
+    clusters: Clusters, stream: StreamSettings, basis: FloatArray, fingerprint: str
+) -> Signature:
     """Project cluster appearances to the ground space; empty clusters are left out."""
     mass = np.linalg.norm(clusters.appearance, axis=1)
     kept = mass > 1e-9

@@ -16,7 +16,14 @@ from depthprint.settings import EncoderSettings
 if TYPE_CHECKING:
     from depthprint.encoder import Encoder
 
-__all__ = ["FORMAT_VERSION", "load_encoder", "pack_atoms", "save_encoder", "shipped_model_path", "unpack_atoms"]
+__all__ = [
+    "FORMAT_VERSION",
+    "load_encoder",
+    "pack_atoms",
+    "save_encoder",
+    "shipped_model_path",
+    "unpack_atoms",
+]
 
 FORMAT = "depthprint model"
 FORMAT_VERSION = 1
@@ -63,7 +70,9 @@ def load_encoder(path: Path) -> Encoder:
         settings = EncoderSettings.parse(header["settings"])
         streams = tuple(
             StreamModel(
-                Dictionary(unpack_atoms(arrays[f"atoms_{number}"]), made["kind"], made["settings"], made["seed"]),
+                Dictionary(
+                    unpack_atoms(arrays[f"atoms_{number}"]), made["kind"], made["settings"], made["seed"]
+                ),
                 np.asarray(arrays[f"basis_{number}"], dtype=np.float64),
             )
             for number, made in enumerate(header["dictionaries"])

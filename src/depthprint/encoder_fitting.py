@@ -36,7 +36,9 @@ def fit_stream(
     rng = np.random.default_rng(settings.seed)
     learned = _learn(patches, stream, settings, rng)
     # As a model file holds it: a saved and loaded encoder gives the same signatures, bit for bit.
-    dictionary = Dictionary(unpack_atoms(pack_atoms(learned.atoms)), learned.kind, learned.settings, learned.seed)
+    dictionary = Dictionary(
+        unpack_atoms(pack_atoms(learned.atoms)), learned.kind, learned.settings, learned.seed
+    )
     basis = _cluster_basis(patches, dictionary, stream, rng).astype(np.float32).astype(np.float64)
     return StreamModel(dictionary, basis)
 
@@ -75,7 +77,9 @@ def _learn(
         return parametric_dictionary(shape, stream.n_atoms, seed=settings.seed)
     penalty = "omp" if stream.dictionary == "omp" else "l1"
     signals /= np.linalg.norm(signals, axis=1, keepdims=True)
-    return learn_dictionary(signals, stream.n_atoms, penalty=penalty, n_nonzero=stream.n_nonzero, seed=settings.seed)
+    return learn_dictionary(
+        signals, stream.n_atoms, penalty=penalty, n_nonzero=stream.n_nonzero, seed=settings.seed
+    )
 
 
 def _single_channel_shape(patches: Patches, stream: StreamSettings) -> tuple[int, int]:
@@ -101,7 +105,9 @@ def _cluster_basis(
         rows: list[npt.NDArray[np.float64]] = []
         count = 0
         for number in order:
-            clusters = make_clusters(_code(patches[number], dictionary, stream), patches[number], dictionary.atoms, stream)
+            clusters = make_clusters(
+                _code(patches[number], dictionary, stream), patches[number], dictionary.atoms, stream
+            )
             rows.append(clusters.appearance)
             count += len(clusters.appearance)
             if count >= _MAX_BASIS_CLUSTERS:

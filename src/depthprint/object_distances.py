@@ -31,7 +31,9 @@ def complexity_distances(
 
     Where the preset mirrors views, the smaller of the distances to a view and to its mirror image.
     """
-    straight = _stream_sum(encoder, [q.signatures for q in queries], others and [o.signatures for o in others])
+    straight = _stream_sum(
+        encoder, [q.signatures for q in queries], others and [o.signatures for o in others]
+    )
     if not encoder.settings.mirror:
         return straight
     targets = queries if others is None else others
@@ -91,7 +93,9 @@ def pixel_distances(images: Sequence[RangeImage], size: int = 48) -> FloatArray:
 
     stream = StreamSettings(view="depth", size=2 * size)
     settings = EncoderSettings(name="pixel", streams=(stream,))
-    rows = np.stack([make_view(image, stream, settings).channels.reshape(-1) for image in images]).astype(np.float64)
+    rows = np.stack([make_view(image, stream, settings).channels.reshape(-1) for image in images]).astype(
+        np.float64
+    )
     squares = (rows**2).sum(1)
     squared = squares[:, None] + squares[None] - 2.0 * rows @ rows.T
     return np.sqrt(np.maximum(squared, 0.0) / rows.shape[1])

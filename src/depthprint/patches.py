@@ -56,7 +56,9 @@ def extract_patches(view: View, stream: StreamSettings, wraps: bool = False) -> 
     if stream.centre:
         vectors -= vectors.mean(2, keepdims=True)
     vectors[share == 0] = 0.0
-    local = np.lib.stride_tricks.sliding_window_view(depth, (ph, pw))[::step, ::step].reshape(rows * columns, -1)
+    local = np.lib.stride_tricks.sliding_window_view(depth, (ph, pw))[::step, ::step].reshape(
+        rows * columns, -1
+    )
     mean_depth = (local * covered).sum(1) / np.maximum(covered.sum(1), 1)
     x = np.arange(columns) * step + pw / 2
     y = np.arange(rows) * step + ph / 2

@@ -34,10 +34,14 @@ def polar_view(
     """
     unknown = [name for name in channels if name not in POLAR_CHANNELS]
     if unknown:
-        raise SettingsError(f"polar view: expected channels among {', '.join(POLAR_CHANNELS)}, got {unknown[0]!r}")
+        raise SettingsError(
+            f"polar view: expected channels among {', '.join(POLAR_CHANNELS)}, got {unknown[0]!r}"
+        )
     planar = isinstance(image.projection, LaserRow)
     points = image.points_flu().astype(np.float64)
-    height = points[..., 2] + (image.sensor_height_m if image.sensor_height_m is not None else _ASSUMED_HEIGHT_M)
+    height = points[..., 2] + (
+        image.sensor_height_m if image.sensor_height_m is not None else _ASSUMED_HEIGHT_M
+    )
     keep = np.isfinite(points[..., 0])
     if not planar:
         keep &= height > settings.ground_clearance_m
@@ -109,5 +113,7 @@ def _smooth(grid: npt.NDArray[np.float64], settings: PolarSettings) -> npt.NDArr
 
     grid = gaussian_filter1d(grid, settings.smoothing, axis=1, mode="constant")
     return np.asarray(
-        gaussian_filter1d(grid, settings.smoothing, axis=2, mode="wrap" if settings.full_circle else "nearest")
+        gaussian_filter1d(
+            grid, settings.smoothing, axis=2, mode="wrap" if settings.full_circle else "nearest"
+        )
     )

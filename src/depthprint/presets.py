@@ -11,7 +11,13 @@ __all__ = ["PRESETS", "preset_settings"]
 def _literal() -> EncoderSettings:
     """Table 1 as printed: 256 whole-image atoms of 96 x 96 raw depth, 20 of them a model."""
     stream = StreamSettings(
-        view="raw-depth", atoms="image", n_nonzero=20, clusters="atoms", point_dims=0, position_weight=0.0, form="joint"
+        view="raw-depth",
+        atoms="image",
+        n_nonzero=20,
+        clusters="atoms",
+        point_dims=0,
+        position_weight=0.0,
+        form="joint",
     )
     return EncoderSettings(name="literal", streams=(stream,))
 
@@ -48,7 +54,10 @@ def _street() -> EncoderSettings:
     return EncoderSettings.parse(
         {
             "name": "street",
-            "streams": ({"channels": ("height",), **columns}, {"channels": ("low-count", "high-count"), **columns}),
+            "streams": (
+                {"channels": ("height",), **columns},
+                {"channels": ("low-count", "high-count"), **columns},
+            ),
             "max_shift": 3,
         }
     )
@@ -62,7 +71,10 @@ def _lidar() -> EncoderSettings:
     return EncoderSettings.parse(
         {
             "name": "lidar",
-            "streams": ({"channels": ("height",), **columns}, {"channels": ("low-count", "high-count"), **columns}),
+            "streams": (
+                {"channels": ("height",), **columns},
+                {"channels": ("low-count", "high-count"), **columns},
+            ),
             "polar": PolarSettings(sectors=60, full_circle=True),
         }
     )
@@ -77,7 +89,8 @@ def _laser() -> EncoderSettings:
 
 
 PRESETS = {
-    settings.name: settings for settings in (_literal(), _object(), _street(), _handheld(), _lidar(), _laser())
+    settings.name: settings
+    for settings in (_literal(), _object(), _street(), _handheld(), _lidar(), _laser())
 }
 
 

@@ -31,7 +31,9 @@ class View:
     depth: Float32Array | None = None
 
 
-def make_view(image: RangeImage, stream: StreamSettings, settings: EncoderSettings, mirror: bool = False) -> View:
+def make_view(
+    image: RangeImage, stream: StreamSettings, settings: EncoderSettings, mirror: bool = False
+) -> View:
     """Compute the view that a stream codes; ``mirror`` flips it left to right first.
 
     Raises DataError, naming the frame, when the image has no valid pixel.
@@ -73,7 +75,12 @@ def _surface_view(image: RangeImage, stream: StreamSettings, mirror: bool) -> Vi
     return View(channels.astype(np.float32), support, relative.astype(np.float32))
 
 
-def _depth_scale(z: npt.NDArray[np.float64], support: npt.NDArray[np.bool_], is_object: bool, pixel: npt.NDArray[np.float64]) -> float:
+def _depth_scale(
+    z: npt.NDArray[np.float64],
+    support: npt.NDArray[np.bool_],
+    is_object: bool,
+    pixel: npt.NDArray[np.float64],
+) -> float:
     """Extent of an object, or the median depth of a scene, in metres."""
     if is_object:
         return float(np.median(pixel[support])) * max(z.shape)

@@ -72,7 +72,9 @@ class ScanContextLikeRecognizer:
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Mean cosine distance of the columns at the best shift."""
         if first.shape != second.shape:
-            raise DataError(f"scan-context-like: expected maps of one shape, got {first.shape} and {second.shape}")
+            raise DataError(
+                f"scan-context-like: expected maps of one shape, got {first.shape} and {second.shape}"
+            )
         rows = second.reshape(1, -1)
         return float(self._distances(first, rows, second.any(1).astype(np.float32)[None]).min())
 

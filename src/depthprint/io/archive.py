@@ -34,7 +34,9 @@ DAMAGED = (
 )
 
 
-def write_archive(path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+def write_archive(
+    path: Path | str, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]
+) -> None:
     """Write a JSON ``header`` (with its 'format' and 'version') and arrays."""
     text = np.array(json.dumps(header, sort_keys=True))
     with atomic_path(path) as temporary, open(temporary, "wb") as file:
@@ -59,5 +61,7 @@ def read_archive(
         reason = str(error) or type(error).__name__
         raise ModelError(f"{path}: expected a {what} file, got {reason}") from error
     if found != (file_format, version):
-        raise ModelError(f"{path}: expected {file_format!r} version {version}, got {found[0]!r} version {found[1]}")
+        raise ModelError(
+            f"{path}: expected {file_format!r} version {version}, got {found[0]!r} version {found[1]}"
+        )
     return header, arrays

@@ -39,15 +39,34 @@ class BlockStyle:
 STYLES: dict[str, BlockStyle] = {
     style.name: style
     for style in (
-        BlockStyle("terrace", (5.5, 7.5), (8, 11), (5.5, 6.5), (0, 0), (2, 4), 0.04, 1.0, 0.6, 0.0, 0.8, (14, 30)),
-        BlockStyle("detached", (9, 14), (8, 12), (3.2, 6), (3.5, 8), (4, 8), 0.2, 0.95, 0.35, 0.15, 0.9, (7, 16), 0.1),
-        BlockStyle("townhouse", (7, 13), (9, 13), (7, 13), (0, 0), (0, 0.6), 0.25, 0.7, 0.3, 0.3, 0.0, (20, 45), 0.04),
-        BlockStyle("apartments", (17, 34), (11, 14), (10, 19), (2, 14), (1, 6), 0.12, 0.2, 0.1, 0.9, 0.5, (9, 22)),
-        BlockStyle("hall", (22, 45), (15, 25), (4.5, 8), (4, 16), (4, 11), 0.2, 0.35, 0.1, 0.0, 0.7, (18, 40), 0.1),
-        BlockStyle("park", (8, 14), (7, 10), (3, 5), (20, 60), (14, 30), 0.2, 0.8, 0.1, 0.0, 0.7, (4, 9), 0.5),
+        BlockStyle(
+            "terrace", (5.5, 7.5), (8, 11), (5.5, 6.5), (0, 0), (2, 4), 0.04, 1.0, 0.6, 0.0, 0.8, (14, 30)
+        ),
+        BlockStyle(
+            "detached", (9, 14), (8, 12), (3.2, 6), (3.5, 8), (4, 8), 0.2, 0.95, 0.35, 0.15, 0.9, (7, 16), 0.1
+        ),
+        BlockStyle(
+            "townhouse", (7, 13), (9, 13), (7, 13), (0, 0), (0, 0.6), 0.25, 0.7, 0.3, 0.3, 0.0, (20, 45), 0.04
+        ),
+        BlockStyle(
+            "apartments", (17, 34), (11, 14), (10, 19), (2, 14), (1, 6), 0.12, 0.2, 0.1, 0.9, 0.5, (9, 22)
+        ),
+        BlockStyle(
+            "hall", (22, 45), (15, 25), (4.5, 8), (4, 16), (4, 11), 0.2, 0.35, 0.1, 0.0, 0.7, (18, 40), 0.1
+        ),
+        BlockStyle(
+            "park", (8, 14), (7, 10), (3, 5), (20, 60), (14, 30), 0.2, 0.8, 0.1, 0.0, 0.7, (4, 9), 0.5
+        ),
     )
 }
-_WEIGHTS = {"terrace": 0.24, "detached": 0.3, "townhouse": 0.16, "apartments": 0.12, "hall": 0.07, "park": 0.11}
+_WEIGHTS = {
+    "terrace": 0.24,
+    "detached": 0.3,
+    "townhouse": 0.16,
+    "apartments": 0.12,
+    "hall": 0.07,
+    "park": 0.11,
+}
 
 
 def draw_style(rng: np.random.Generator) -> BlockStyle:
@@ -68,7 +87,9 @@ def draw_style(rng: np.random.Generator) -> BlockStyle:
     )  # fmt: skip
 
 
-def building(style: BlockStyle, width: float, depth: float, eaves: float, rng: np.random.Generator) -> Triangles:
+def building(
+    style: BlockStyle, width: float, depth: float, eaves: float, rng: np.random.Generator
+) -> Triangles:
     """A building with its facade on y = 0, centred on x; what stands out of the facade stays within 1.3 m of it."""
     parts = [_body(style, width, depth, eaves, rng)]
     half = width / 2

@@ -47,7 +47,9 @@ def car_body(model: CarModel, scale: float = 1.0) -> Triangles:
 
     shoulder, roof = side * 0.97, side * 0.78
     body = box(-half, half, -side, side, clearance, 0.72 * belt)
-    deck = hexahedron((-half, half, -side, side), (-half * 0.97, half * 0.9, -shoulder, shoulder), 0.72 * belt, belt)
+    deck = hexahedron(
+        (-half, half, -side, side), (-half * 0.97, half * 0.9, -shoulder, shoulder), 0.72 * belt, belt
+    )
     cabin = hexahedron(
         (along(model.cabin_low[1]), along(model.cabin_low[0]), -shoulder, shoulder),
         (along(model.cabin_high[1]), along(model.cabin_high[0]), -roof, roof),

@@ -85,7 +85,9 @@ class Drive:
         T_world_sensor = self.pose(frame)
         projection = self.sensor.projection
         cars = RayScene(np.concatenate([self._parked_near(frame), self._traffic.at(frame)]))
-        true_m = nearest_surface(self._static.cast(projection, T_world_sensor), cars.cast(projection, T_world_sensor))
+        true_m = nearest_surface(
+            self._static.cast(projection, T_world_sensor), cars.cast(projection, T_world_sensor)
+        )
         rng = np.random.default_rng([self.world.seed, 71, frame])
         return RangeImage(
             self.sensor.measure(true_m, rng),
@@ -99,7 +101,9 @@ class Drive:
         if not len(slots):
             return np.zeros((0, 3, 3), np.float32)
         near = np.flatnonzero(np.hypot(*(slots.positions_m - here).T) < _SLOT_SIGHT_M)
-        visits = np.array([np.searchsorted(self._switches[slot], self._arc[frame]) for slot in near], dtype=np.int64)
+        visits = np.array(
+            [np.searchsorted(self._switches[slot], self._arc[frame]) for slot in near], dtype=np.int64
+        )
         key = np.stack([near, visits]).tobytes()
         if self._parked[0] != key:
             self._parked = key, parked_cars(self.world.seed, slots, near, visits, self.cars_redrawn)

@@ -85,7 +85,11 @@ def parked_car(seed: int, slot: int, visit: int, occupancy: float, cars_redrawn:
 
 
 def parked_cars(
-    seed: int, slots: ParkingSlots, chosen: npt.NDArray[np.int64], visits: npt.NDArray[np.int64], cars_redrawn: float
+    seed: int,
+    slots: ParkingSlots,
+    chosen: npt.NDArray[np.int64],
+    visits: npt.NDArray[np.int64],
+    cars_redrawn: float,
 ) -> Triangles:
     """Triangles of the cars in the ``chosen`` slots, each at its visit."""
     parts = []

@@ -26,7 +26,9 @@ class RayScene:
             self._scene = EmbreeScene()
             TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
 
-    def cast(self, projection: Projection, T_world_sensor: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    def cast(
+        self, projection: Projection, T_world_sensor: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float32]:
         """Noise-free ranges (height, width) float32: z for a Pinhole, else Euclidean; NaN where nothing is hit.
 
         T_world_sensor: (4, 4) pose of the projection's own sensor frame.

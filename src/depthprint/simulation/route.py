@@ -65,7 +65,9 @@ def route_from_kitti_poses(path: Path | str) -> Route:
     except (OSError, ValueError) as error:
         raise DataError(f"{path}: expected a KITTI pose file (12 numbers a row), got {error}") from error
     if rows.size == 0 or rows.shape[1] != 12:
-        raise DataError(f"{path}: expected 12 numbers a row (KITTI poses), got an array of shape {rows.shape}")
+        raise DataError(
+            f"{path}: expected 12 numbers a row (KITTI poses), got an array of shape {rows.shape}"
+        )
     bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if len(bad):
         raise DataError(f"{path}: row {bad[0] + 1} holds a number that is not finite")
@@ -73,7 +75,9 @@ def route_from_kitti_poses(path: Path | str) -> Route:
     flat_forward = np.hypot(poses[:, 0, 2], poses[:, 2, 2])
     tilted = np.flatnonzero(flat_forward < 0.5)
     if len(tilted):
-        raise DataError(f"{path}: row {tilted[0] + 1} looks up or down by more than 60 degrees; expected a vehicle")
+        raise DataError(
+            f"{path}: row {tilted[0] + 1} looks up or down by more than 60 degrees; expected a vehicle"
+        )
     return Route(
         np.stack([poses[:, 2, 3], -poses[:, 0, 3]], axis=1),
         np.arctan2(-poses[:, 0, 2], poses[:, 2, 2]),
@@ -108,7 +112,15 @@ def built_in_route(length_m: float = 1500.0, seed: int = 0) -> Route:
 
 
 def _town_nodes(rng: np.random.Generator) -> dict[str, FloatArray]:
-    layout = {"A": (0, 0), "B": (112, 0), "C": (112, 84), "D": (0, 84), "F": (0, -62), "E": (-72, -62), "G": (-72, 0)}
+    layout = {
+        "A": (0, 0),
+        "B": (112, 0),
+        "C": (112, 84),
+        "D": (0, 84),
+        "F": (0, -62),
+        "E": (-72, -62),
+        "G": (-72, 0),
+    }
     return {name: np.array(xy, dtype=float) + rng.uniform(-9, 9, 2) for name, xy in layout.items()}
 
 
@@ -120,7 +132,9 @@ def _drive(
         low, high = sorted(first + second)
         a, b = nodes[low] * scale, nodes[high] * scale
         normal = np.array([a[1] - b[1], b[0] - a[0]])
-        inner = [a + t * (b - a) + bend * normal for t, bend in zip((0.33, 0.67), bends[low + high], strict=True)]
+        inner = [
+            a + t * (b - a) + bend * normal for t, bend in zip((0.33, 0.67), bends[low + high], strict=True)
+        ]
         points += [*(inner if first == low else inner[::-1]), nodes[second] * scale]
     dense = _resampled(np.array(points), 0.5)
     # A moving average rounds the corners as a driver would.
@@ -132,7 +146,9 @@ def _drive(
     tangent = np.gradient(smooth, axis=0)
     tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
     arc = np.arange(len(smooth)) * 0.5
-    sway = sum(0.15 * np.sin(arc / period + phase) for period, phase in zip((11.0, 23.0, 41.0), wobble, strict=True))
+    sway = sum(
+        0.15 * np.sin(arc / period + phase) for period, phase in zip((11.0, 23.0, 41.0), wobble, strict=True)
+    )
     right = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     return smooth + right * (_LANE_OFFSET_M + np.asarray(sway))[:, None]
 

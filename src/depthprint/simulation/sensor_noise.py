@@ -27,7 +27,12 @@ _LIDAR_LOST = 0.02
 
 
 def stereo_noise(
-    ranges_m: Ranges, projection: Pinhole, rng: np.random.Generator, *, near_m: float = 2.0, far_m: float = 80.0
+    ranges_m: Ranges,
+    projection: Pinhole,
+    rng: np.random.Generator,
+    *,
+    near_m: float = 2.0,
+    far_m: float = 80.0,
 ) -> Ranges:
     """Depth as stereo matching gives it: (h, w) float32 metres, NaN where it gives none.
 
@@ -46,7 +51,12 @@ def stereo_noise(
 
 
 def kinect_noise(
-    ranges_m: Ranges, projection: Pinhole, rng: np.random.Generator, *, near_m: float = 0.5, far_m: float = 8.0
+    ranges_m: Ranges,
+    projection: Pinhole,
+    rng: np.random.Generator,
+    *,
+    near_m: float = 0.5,
+    far_m: float = 8.0,
 ) -> Ranges:
     """Depth as a structured-light camera gives it: disparity in steps of 1/8 px, shadows of the projector as holes."""
     disparity = _KINECT_FULL_FOCAL_PX * KINECT_BASELINE_M / ranges_m

@@ -14,16 +14,21 @@ def tree(height: float, crown_radius: float, shape: str, rng: np.random.Generato
     trunk_radius = 0.035 * height * rng.uniform(0.7, 1.2) + 0.05
     if shape == "cone":
         base = 0.08 * height
-        crown = lathe([(0.3, base), (crown_radius, base + 0.06 * height), (0.45 * crown_radius, 0.6 * height), (0.0, height)])
+        crown = lathe(
+            [
+                (0.3, base),
+                (crown_radius, base + 0.06 * height),
+                (0.45 * crown_radius, 0.6 * height),
+                (0.0, height),
+            ]
+        )
         return merge([_trunk(trunk_radius, base + 0.3), crown])
     base = max(2.3, rng.uniform(0.28, 0.4) * height)
     middle, half = (base + height) / 2, (height - base) / 2
     stretch = 1.0 if shape == "round" else 0.5
     parts = [_trunk(trunk_radius, base + 0.5 * half)]
     radius = crown_radius * stretch
-    parts.append(
-        ellipsoid((radius, radius, half), (0.0, 0.0, middle), rng.uniform(0.75, 1.1, 6), sides=8)
-    )
+    parts.append(ellipsoid((radius, radius, half), (0.0, 0.0, middle), rng.uniform(0.75, 1.1, 6), sides=8))
     for _ in range(int(rng.integers(0, 3)) if shape == "round" else 0):
         lump, angle = rng.uniform(0.4, 0.6) * radius, rng.uniform(0, 2 * np.pi)
         reach = 0.6 * (radius - lump) + 0.2 * radius
@@ -34,7 +39,9 @@ def tree(height: float, crown_radius: float, shape: str, rng: np.random.Generato
 
 def bush(radius: float, height: float, rng: np.random.Generator) -> Triangles:
     """A lump on the ground at the origin."""
-    return ellipsoid((radius, radius, 0.62 * height), (0.0, 0.0, 0.38 * height), rng.uniform(0.8, 1.1, 6), sides=8)
+    return ellipsoid(
+        (radius, radius, 0.62 * height), (0.0, 0.0, 0.38 * height), rng.uniform(0.8, 1.1, 6), sides=8
+    )
 
 
 def pole(height: float, arm: float = 0.0) -> Triangles:

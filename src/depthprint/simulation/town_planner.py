@@ -145,7 +145,13 @@ class TownPlanner:
                 arc += 2.5
 
     def _building(
-        self, style: BlockStyle, arc: float, side: int, lateral: float, width: float | None = None, turn: float = 0.0
+        self,
+        style: BlockStyle,
+        arc: float,
+        side: int,
+        lateral: float,
+        width: float | None = None,
+        turn: float = 0.0,
     ) -> bool:
         rng = self._rng
         width = float(rng.uniform(*style.width)) if width is None else width
@@ -179,7 +185,9 @@ class TownPlanner:
         while arc < block.end_m - 3:
             length = rng.uniform(3.0, 5.0)
             if rng.random() < side.style.front_share * 0.85:
-                x, y, heading = self._line.at(arc + length / 2, side.side * (side.property_line + thickness / 2))
+                x, y, heading = self._line.at(
+                    arc + length / 2, side.side * (side.property_line + thickness / 2)
+                )
                 place = Footprint(x, y, heading, length / 2, thickness / 2)
                 if self._may_stand(place, margin=-0.05):
                     height = side.barrier_height * rng.uniform(0.92, 1.08)
@@ -214,7 +222,9 @@ class TownPlanner:
         for arc in np.arange(block.start_m + rng.uniform(2, 25), block.end_m, rng.uniform(24, 36)):
             self._post("pole", float(arc), side, pole(rng.uniform(5, 9), rng.choice([0.0, 1.2])))
         for arc in rng.uniform(block.start_m, block.end_m, int(rng.poisson(1.5))):
-            self._post("sign", float(arc), side, sign(float(rng.choice([1.1, 1.4, 2.4, 2.8])), rng.uniform(0.5, 1.1)))
+            self._post(
+                "sign", float(arc), side, sign(float(rng.choice([1.1, 1.4, 2.4, 2.8])), rng.uniform(0.5, 1.1))
+            )
 
     def _post(self, kind: str, arc: float, side: _Side, shape: Triangles) -> None:
         x, y, heading = self._line.at(arc, side.side * (side.kerb + 0.45))
@@ -233,7 +243,9 @@ class TownPlanner:
             crown *= 0.75
         place = Footprint(x, y, heading, half, half)
         if self._may_stand(place):
-            self._place("tree", place, moved(tree(height, crown, shape, rng), x, y, rng.uniform(0, 6)), 1.2 * crown)
+            self._place(
+                "tree", place, moved(tree(height, crown, shape, rng), x, y, rng.uniform(0, 6)), 1.2 * crown
+            )
 
     def _may_stand(self, place: Footprint, margin: float = 0.0) -> bool:
         free = self.plan.lane_clearance(place, LANE_CLEARANCE_M) >= LANE_CLEARANCE_M
