@@ -1,0 +1,327 @@
+"""Simulated objects: categories are random shape grammars, instances vary their proportions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.datasets.base import ObjectSet, ObjectView
+from depthprint.errors import SettingsError
+from depthprint.projection import Pinhole
+from depthprint.range_image import RangeImage
+from depthprint.simulation.meshes import Triangles, box, lathe, merge, moved
+
+__all__ = ["simulated_objects"]
+
+FloatArray = npt.NDArray[np.float64]
+
+CAMERA = Pinhole(fx=575.8, fy=575.8, cx=319.5, cy=239.5, width=640, height=480)
+ELEVATION_DEG = {1: 30.0, 2: 45.0, 4: 60.0}
+DISTANCE_M = 1.0
+MARGIN_PX = 10
+# The projector's shadows come from what lies to the left of a crop: farther than its disparity at 0.6 m.
+SHADOW_PX = 72
+TABLE = box(-1.0, 1.0, -1.0, 1.0, -0.03, 0.0)
+# Lower than this, a surface counts as the table.
+TABLE_SLACK_M = 0.001
+INSTANCE_SPREAD = 0.12
+SIDES = 20
+_SHAPE_STREAM, _NOISE_STREAM = 0, 1
+
+
+def simulated_objects(
+    n_categories: int = 20, n_instances: int = 4, frames: int = 3, seed: int = 0
+) -> ObjectSet:
+    """Masked depth crops of objects on a table, laid out as the UW RGB-D Object set; all simulated.
+
+    A category is a random grammar of parts (a body; legs, wheels or a pedestal under it; a lid, a cone, a
+    head or a back on top; a handle, arms or a spout beside it); its instances share the grammar and differ
+    in proportions. Each is seen from about 1 m by a camera of 640 x 480 pixels and 575.8 px focal length,
+    from 30, 45 and 60 degrees (videos 1, 2 and 4), in ``frames`` views of one turn (frames 1, 2, ...).
+    A view's ranges are z in metres with a Kinect's noise, steps and holes; its mask marks the object. Views
+    are rendered as they are read, the same bits in any order; their ``path`` is a name, not a file.
+    Raises SettingsError for counts out of range, and when a view of another set is read.
+    """
+    _require_whole("n_categories", n_categories, 1)
+    _require_whole("n_instances", n_instances, 1)
+    _require_whole("frames", frames, 1)
+    _require_whole("seed", seed, 0)
+    keys: dict[ObjectView, tuple[int, int]] = {}
+    digits = max(2, len(str(n_categories)))
+    for category in range(n_categories):
+        for instance in range(n_instances):
+            for video in ELEVATION_DEG:
+                for frame in range(1, frames + 1):
+                    kind = f"shape{category + 1:0{digits}d}"
+                    name = f"{kind}_{instance + 1}"
+                    path = f"{kind}/{name}/{name}_{video}_{frame}"
+                    keys[ObjectView(kind, name, video, frame, path)] = (category, instance)
+
+    @lru_cache(maxsize=8)
+    def stage(category: int, instance: int) -> _Stage:
+        return _Stage(seed, category, instance)
+
+    def read(view: ObjectView) -> RangeImage:
+        if view not in keys:
+            raise SettingsError(f"simulated_objects: expected one of its own views, got {view}")
+        category, instance = keys[view]
+        turn_rad = 2 * math.pi * (view.frame - 1) / frames
+        rng = np.random.default_rng([seed, _NOISE_STREAM, category, instance, view.video, view.frame])
+        source = f"simulated_objects seed {seed}, {view.path}"
+        return stage(category, instance).view(ELEVATION_DEG[view.video], turn_rad, rng, source)
+
+    return ObjectSet(
+        name=f"simulated_objects/seed{seed}",
+        views=tuple(keys),
+        read=read,
+        elevation_deg=dict(ELEVATION_DEG),
+        simulated=True,
+    )
+
+
+class _Stage:
+    """One object on the table, and the camera that goes about it."""
+
+    def __init__(self, seed: int, category: int, instance: int) -> None:
+        from depthprint.simulation.ray_casting import RayScene
+
+        grammar = np.random.default_rng([seed, _SHAPE_STREAM, category])
+        variation = np.random.default_rng([seed, _SHAPE_STREAM, category, instance + 1])
+        self._object = _grow(_Proportions(grammar, variation))
+        self._scene = RayScene(merge([self._object, TABLE]))
+        self._start_rad = float(variation.normal(0, math.radians(8)))
+        self._distance_m = DISTANCE_M * float(variation.uniform(0.95, 1.05))
+
+    def view(
+        self, elevation_deg: float, turn_rad: float, rng: np.random.Generator, source: str
+    ) -> RangeImage:
+        from depthprint.simulation.sensor_noise import kinect_noise
+
+        T_world_sensor = _orbit(math.radians(elevation_deg), self._start_rad + turn_rad, self._distance_m)
+        left, top, right, bottom = _window(self._object, T_world_sensor)
+        crop = CAMERA.cropped(left, top, right - left, bottom - top)
+        wide = replace(crop, cx=crop.cx + SHADOW_PX, width=crop.width + SHADOW_PX)
+        true_m = self._scene.cast(wide, T_world_sensor)
+        height_m = wide.points(true_m).astype(np.float64) @ T_world_sensor[2, :3] + T_world_sensor[2, 3]
+        ranges_m = kinect_noise(true_m, wide, rng)[:, SHADOW_PX:]
+        return RangeImage(ranges_m, crop, mask=height_m[:, SHADOW_PX:] > TABLE_SLACK_M, source=source)
+
+
+def _orbit(elevation_rad: float, azimuth_rad: float, distance_m: float) -> FloatArray:
+    """Pose T_world_sensor of a camera that looks at a point 5 cm above the middle of the table."""
+    c, s = math.cos(azimuth_rad), math.sin(azimuth_rad)
+    out, up = math.cos(elevation_rad), math.sin(elevation_rad)
+    forward = np.array([-c * out, -s * out, -up])
+    right = np.array([-s, c, 0.0])
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = np.array([0.0, 0.0, 0.05]) - distance_m * forward
+    return pose
+
+
+def _window(triangles: Triangles, T_world_sensor: FloatArray) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the object in the whole image, with the margin."""
+    corners = (triangles.reshape(-1, 3) - T_world_sensor[:3, 3]) @ T_world_sensor[:3, :3]
+    u, v, _ = CAMERA.project(corners)
+    left, top = max(0, math.floor(u.min()) - MARGIN_PX), max(0, math.floor(v.min()) - MARGIN_PX)
+    right, bottom = math.ceil(u.max()) + 1 + MARGIN_PX, math.ceil(v.max()) + 1 + MARGIN_PX
+    return left, top, min(CAMERA.width, right), min(CAMERA.height, bottom)
+
+
+class _Proportions:
+    """Choices belong to the category; lengths too, and each instance scales them a little."""
+
+    def __init__(self, grammar: np.random.Generator, variation: np.random.Generator) -> None:
+        self._grammar = grammar
+        self._variation = variation
+
+    def pick(self, *options: str) -> str:
+        return options[int(self._grammar.integers(len(options)))]
+
+    def count(self, low: int, high: int) -> int:
+        return int(self._grammar.integers(low, high + 1))
+
+    def length(self, low: float, high: float) -> float:
+        typical = math.exp(self._grammar.uniform(math.log(low), math.log(high)))
+        return typical * math.exp(INSTANCE_SPREAD * float(np.clip(self._variation.normal(), -2, 2)))
+
+
+def _grow(p: _Proportions) -> Triangles:
+    """Object of a category, 8 to 25 cm in its largest extent, standing on z = 0 at the origin."""
+    body = _body(p)
+    under = _UNDER[p.pick(*_UNDER)](p, body)
+    top = _ON_TOP[p.pick(*_ON_TOP)](p, body)
+    beside = _BESIDE[p.pick(*_BESIDE)](p, body)
+    whole = merge([body, under, top, beside])
+    low, high = _extent(whole)
+    scale = p.length(0.10, 0.22) / float((high - low).max())
+    middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return ((whole - middle) * scale).astype(np.float32)
+
+
+def _body(p: _Proportions) -> Triangles:
+    """The main part, of size 1 or so, its lowest point at z = 0."""
+    kind = p.pick("box", "slab", "cylinder", "lying cylinder", "sphere", "capsule", "lathe", "lathe", "bowl")
+    w, d, h = p.length(0.4, 1.2), p.length(0.3, 0.9), p.length(0.3, 1.5)
+    if kind == "box":
+        return box(-w / 2, w / 2, -d / 2, d / 2, 0.0, h)
+    if kind == "slab":
+        return box(-w / 2, w / 2, -d / 2, d / 2, 0.0, 0.15 * h)
+    if kind == "cylinder":
+        return _cylinder(d / 2, h)
+    if kind == "lying cylinder":
+        return _rod((-h / 2, 0.0, d / 3), (h / 2, 0.0, d / 3), d / 3)
+    if kind == "sphere":
+        return (_sphere(0.5) * np.array([w, d, min(h, 1.0)])).astype(np.float32)
+    if kind == "capsule":
+        return _capsule(0.35 * d, h)
+    if kind == "bowl":
+        return lathe([(0.0, 0.0), (0.2 * w, 0.0), (0.5 * w, 0.4 * h), (0.47 * w, 0.4 * h), (0.0, 0.05 * h)], SIDES)
+    radii = [0.5 * d * p.length(0.4, 1.3) for _ in range(p.count(3, 5))]
+    heights = np.linspace(0.0, h, len(radii)).tolist()
+    return lathe([(0.0, 0.0), *zip(radii, heights, strict=True), (0.0, h)], SIDES)
+
+
+def _nothing(p: _Proportions, body: Triangles) -> Triangles:
+    return merge([])
+
+
+def _legs(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    length, radius, splay = p.length(0.2, 0.9), p.length(0.025, 0.06), p.length(0.7, 1.2)
+    count = p.count(3, 4)
+    legs = []
+    for angle in (np.arange(count) + 0.5) * 2 * math.pi / count:
+        foot = 0.42 * (high - low)[:2] * [math.cos(angle), math.sin(angle)] * math.sqrt(count / 2)
+        legs.append(_rod((foot[0], foot[1], 0.1), (foot[0] * splay, foot[1] * splay, -length), radius))
+    return merge(legs)
+
+
+def _wheels(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    radius, width = p.length(0.12, 0.3), p.length(0.06, 0.15)
+    return merge(
+        [
+            _rod((x, y, 0.0), (x, y + math.copysign(width, y), 0.0), radius)
+            for x in (0.65 * low[0], 0.65 * high[0])
+            for y in (low[1], high[1])
+        ]
+    )
+
+
+def _pedestal(p: _Proportions, body: Triangles) -> Triangles:
+    length, stem, foot = p.length(0.2, 1.0), p.length(0.04, 0.1), p.length(0.2, 0.45)
+    profile = [(0.0, -length), (foot, -length), (foot, 0.05 - length), (stem, 0.12 - length), (stem, 0.1)]
+    return lathe(profile, SIDES)
+
+
+def _lid(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    radius, knob = 0.4 * float((high - low)[:2].min()), p.length(0.05, 0.12)
+    return _raised(merge([_cylinder(radius, 0.06), moved(_sphere(knob), 0.0, 0.0, z=0.05)]), high[2])
+
+
+def _cone(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    wide, tip = 0.5 * float((high - low)[:2].min()) * p.length(0.5, 1.3), p.length(0.03, 0.12)
+    return _raised(lathe([(wide, 0.0), (tip, p.length(0.2, 0.8)), (0.0, p.length(0.2, 0.8))], SIDES), high[2])
+
+
+def _head(p: _Proportions, body: Triangles) -> Triangles:
+    radius, neck = p.length(0.12, 0.35), p.length(0.05, 0.3)
+    forward = p.length(0.1, 0.6) * float(_extent(body)[1][0])
+    top = float(_extent(body)[1][2])
+    head = moved(_sphere(radius), forward, 0.0, z=top + neck)
+    return merge([head, _rod((forward / 2, 0.0, top - 0.15), (forward, 0.0, top + neck + radius), radius / 2)])
+
+
+def _back(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    thick, tall = p.length(0.05, 0.12), p.length(0.3, 1.0)
+    return box(float(low[0]), float(low[0]) + thick, float(low[1]), float(high[1]), 0.0, float(high[2]) + tall)
+
+
+def _handle(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    reach, radius = p.length(0.15, 0.4), p.length(0.03, 0.06)
+    tall, middle = p.length(0.5, 0.9) * float(high[2]) / 2, float(high[2]) / 2
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 7)
+    x, z = 0.9 * high[0] + reach * np.cos(angles), middle + tall * np.sin(angles)
+    points = [(float(a), 0.0, float(b)) for a, b in zip(x, z, strict=True)]
+    return merge([_rod(a, b, radius) for a, b in zip(points[:-1], points[1:], strict=True)])
+
+
+def _arms(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    reach, lift, radius = p.length(0.2, 0.9), p.length(0.1, 0.8), p.length(0.04, 0.1)
+    z = float(high[2]) * 0.6
+    return merge(
+        [_rod((0.0, 0.8 * y, z), (0.0, y + math.copysign(reach, y), z + lift), radius) for y in (low[1], high[1])]
+    )
+
+
+def _spout(p: _Proportions, body: Triangles) -> Triangles:
+    _, high = _extent(body)
+    reach, lift, radius = p.length(0.2, 0.7), p.length(0.1, 0.7), p.length(0.05, 0.1)
+    z = float(high[2]) * 0.5
+    return _rod((0.6 * high[0], 0.0, z), (high[0] + reach, 0.0, z + lift), radius)
+
+
+def _fins(p: _Proportions, body: Triangles) -> Triangles:
+    low, high = _extent(body)
+    chord, span, z = p.length(0.15, 0.5), p.length(0.4, 1.2), float(high[2]) * 0.5
+    reach = float(high[1]) + span
+    return box(-chord / 2, chord / 2, -reach, reach, z, z + 0.05)
+
+
+_Part = Callable[[_Proportions, Triangles], Triangles]
+_UNDER: dict[str, _Part] = {"none": _nothing, "legs": _legs, "wheels": _wheels, "pedestal": _pedestal}
+_ON_TOP: dict[str, _Part] = {"none": _nothing, "lid": _lid, "cone": _cone, "head": _head, "back": _back}
+_BESIDE: dict[str, _Part] = {
+    "none": _nothing, "handle": _handle, "arms": _arms, "spout": _spout, "fins": _fins,
+}  # fmt: skip
+
+
+def _extent(triangles: Triangles) -> tuple[FloatArray, FloatArray]:
+    corners = triangles.reshape(-1, 3).astype(np.float64)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _raised(triangles: Triangles, z: float) -> Triangles:
+    return moved(triangles, 0.0, 0.0, z=z)
+
+
+def _cylinder(radius: float, height: float) -> Triangles:
+    return lathe([(0.0, 0.0), (radius, 0.0), (radius, height), (0.0, height)], SIDES)
+
+
+def _sphere(radius: float) -> Triangles:
+    return _capsule(radius, 0.0)
+
+
+def _capsule(radius: float, length: float) -> Triangles:
+    """Cylinder with half a sphere at both ends, on z = 0; of length 0 a sphere."""
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 12)
+    z = radius + radius * np.sin(angles) + length * (angles > 0)
+    return lathe(list(zip((radius * np.cos(angles)).tolist(), z.tolist(), strict=True)), SIDES)
+
+
+def _rod(start: tuple[float, float, float], end: tuple[float, float, float], radius: float) -> Triangles:
+    """Cylinder from one point to another."""
+    along = np.subtract(end, start).astype(float)
+    length = float(np.linalg.norm(along))
+    axis = along / length
+    aside = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0))
+    aside /= np.linalg.norm(aside)
+    frame = np.stack([aside, np.cross(axis, aside), axis])
+    return (_cylinder(radius, length) @ frame + np.array(start)).astype(np.float32)
+
+
+def _require_whole(name: str, value: object, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise SettingsError(f"{name}: expected a whole number >= {least}, got {value!r}")
