@@ -7,6 +7,8 @@ from depthprint import place_methods
 from depthprint.encoder import Encoder
 from depthprint.errors import SettingsError
 from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
+from depthprint.projection import Spherical
+from depthprint.range_image import RangeImage
 from synthetic import boxes
 from test_encoder import DEFAULT, IMAGES, small
 
@@ -87,8 +89,11 @@ def test_unknown_method_lists_the_known_ones():
 
 def test_scan_context_like_finds_the_shift_of_a_turned_view(models):
     recognizer = make_place_recognizer("scan-context-like", "street", models["street"])
-    for image in DEFAULT:
-        recognizer.add(recognizer.describe(image))
-    best = recognizer.query(recognizer.describe(boxes(4, shift=int(2 * 128 / 24))))[0]
+    columns = 4 * models["street"].settings.polar.sectors
+    fan = Spherical(columns, 48, -0.6, 0.6, -0.4, 0.2)
+    for seed in range(6):
+        recognizer.add(recognizer.describe(boxes(seed, fan)))
+    turned = RangeImage(np.roll(boxes(4, fan).ranges_m, 2 * 4, axis=1), fan, sensor_height_m=1.5)
+    best = recognizer.query(recognizer.describe(turned))[0]
     assert best.place == 4
     assert best.shift == -2

@@ -17,7 +17,7 @@ def tower(azimuth_deg: float, range_m: float, height_m: float) -> RangeImage:
     """A 360 degree sensor 1 m above the ground that sees one thin tower and nothing else."""
     lidar = Spherical(360, 60, elevation_min_rad=-0.6, elevation_max_rad=0.6)
     ranges = np.full((60, 360), np.nan, np.float32)
-    column = int(round((180 - azimuth_deg) - 0.5)) % 360
+    column = round((180 - azimuth_deg) - 0.5) % 360
     elevations = np.linspace(0.6, -0.6, 60)
     rows = 1.0 + range_m * np.tan(elevations)
     seen = (rows > 0.5) & (rows < height_m)

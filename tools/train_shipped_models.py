@@ -1,4 +1,4 @@
-"""Train the models that the package ships, on simulated worlds alone: python tools/train_shipped_models.py [PRESET ...].
+"""Train the models that the package ships, on simulated worlds alone: tools/train_shipped_models.py [PRESET ...].
 
 No seed here is used by the demo, the tests or the evaluation.
 """

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from depthprint.baselines.compression import CompressionRecognizer
 from depthprint.encoder import Encoder, Encoding
 from depthprint.range_image import RangeImage
-from depthprint.signature import SignatureBatch
+from depthprint.signature import Signature, SignatureBatch
 
 __all__ = [
     "complexity_distances",
@@ -32,7 +32,9 @@ def complexity_distances(
     Where the preset mirrors views, the smaller of the distances to a view and to its mirror image.
     """
     straight = _stream_sum(
-        encoder, [q.signatures for q in queries], others and [o.signatures for o in others]
+        encoder,
+        [q.signatures for q in queries],
+        None if others is None else [o.signatures for o in others],
     )
     if not encoder.settings.mirror:
         return straight
@@ -44,7 +46,11 @@ def complexity_distances(
     return np.minimum(straight, flipped)
 
 
-def _stream_sum(encoder: Encoder, queries: Sequence, others: Sequence | None) -> FloatArray:  # type: ignore[type-arg]
+def _stream_sum(
+    encoder: Encoder,
+    queries: Sequence[Sequence[Signature]],
+    others: Sequence[Sequence[Signature]] | None,
+) -> FloatArray:
     from depthprint.emd import difference_matrix
     from depthprint.encoder import ground_distance
 
@@ -98,7 +104,7 @@ def pixel_distances(images: Sequence[RangeImage], size: int = 48) -> FloatArray:
     )
     squares = (rows**2).sum(1)
     squared = squares[:, None] + squares[None] - 2.0 * rows @ rows.T
-    return np.sqrt(np.maximum(squared, 0.0) / rows.shape[1])
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0) / rows.shape[1]))
 
 
 def compression_distances(

@@ -47,7 +47,7 @@ def extract_patches(view: View, stream: StreamSettings, wraps: bool = False) -> 
             np.concatenate([a, a[..., : pw - 1]], axis=-1) for a in (channels, support, depth)
         )
     step = 1 if stream.atoms == "image" else stream.stride
-    windows = np.lib.stride_tricks.sliding_window_view(channels, (ph, pw), axis=(1, 2))[:, ::step, ::step]
+    windows = np.lib.stride_tricks.sliding_window_view(channels, (1, ph, pw))[:, ::step, ::step, 0]
     rows, columns = windows.shape[1:3]
     vectors = windows.transpose(1, 2, 0, 3, 4).reshape(rows * columns, -1, ph * pw).astype(np.float32)
     covered = np.lib.stride_tricks.sliding_window_view(support, (ph, pw))[::step, ::step]

@@ -52,7 +52,7 @@ def polar_view(
     nominal = _NOMINAL_BEAMS / keep.size if planar else _NOMINAL_PIXELS / keep.size
     for name in channels:
         if name == "height":
-            values = np.zeros(n_cells)
+            values: npt.NDArray[np.floating] = np.zeros(n_cells)
             np.maximum.at(values, cell, np.clip(height, 0.0, settings.max_height_m) / settings.max_height_m)
         elif name.startswith("line"):
             angle = _line_angles(points)[keep][inside]

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.polar_view import polar_view
+from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.resampling import fill_holes, resample
 from depthprint.settings import EncoderSettings, StreamSettings
@@ -99,9 +100,8 @@ def _frame_scene(
 def _pixel_angle(image: RangeImage) -> float:
     """Metres on the surface per pixel and metre of depth (mean of both axes)."""
     projection = image.projection
-    fx = getattr(projection, "fx", None)
-    if fx is not None:
-        return 0.5 / float(fx) + 0.5 / float(projection.fy)  # type: ignore[union-attr]
+    if isinstance(projection, Pinhole):
+        return 0.5 / projection.fx + 0.5 / projection.fy
     return float(projection.horizontal_fov_rad) / projection.width
 
 
@@ -109,7 +109,7 @@ def _frame_object(
     image: RangeImage, size: int
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.float64]]:
     """Crop to the mask's box, keep the aspect, centre it with a small margin."""
-    mask = image.mask & image.valid  # type: ignore[operator]
+    mask = np.asarray(image.mask) & image.valid
     if not mask.any():
         mask = image.valid
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
@@ -149,9 +149,9 @@ def _smooth(
 
 def _halve(channels: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     c, h, w = channels.shape
-    return channels[:, : h // 2 * 2, : w // 2 * 2].reshape(c, h // 2, 2, w // 2, 2).mean((2, 4))
+    return np.asarray(channels[:, : h // 2 * 2, : w // 2 * 2].reshape(c, h // 2, 2, w // 2, 2).mean((2, 4)))
 
 
 def _halve_mask(support: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     h, w = support.shape
-    return support[: h // 2 * 2, : w // 2 * 2].reshape(h // 2, 2, w // 2, 2).any((1, 3))
+    return np.asarray(support[: h // 2 * 2, : w // 2 * 2].reshape(h // 2, 2, w // 2, 2).any((1, 3)))

@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Any
 
 import numba
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped,unused-ignore]
+from threadpoolctl import ThreadpoolController
 
 __all__ = ["for_blocks", "one_blas_thread"]
 
@@ -23,7 +23,8 @@ def _controller() -> ThreadpoolController:
 
 def one_blas_thread() -> AbstractContextManager[Any]:
     """Hold BLAS to one thread: its rounding depends on how many it uses."""
-    return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return,unused-ignore]
+    limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    return limit
 
 
 def for_blocks(

@@ -19,7 +19,7 @@ __all__ = ["CompressedImage", "CompressionRecognizer", "image_bytes"]
 
 
 def image_bytes(image: RangeImage, size: int = 32, levels: int = 32) -> bytes:
-    """Depth as size x size bytes (1 x size^2 / 4 for a planar scan), log depth in ``levels`` steps between quantiles."""
+    """Depth as size x size bytes (1 x size^2 / 4 for a planar scan): log depth in ``levels`` steps, by quantiles."""
     image.require_returns()
     rows, columns = (1, size * size // 4) if image.projection.height == 1 else (size, size)
     source = image

@@ -61,7 +61,9 @@ class CosineRecognizer:
         rows = [unit_grid(vectors).reshape(1, -1) for vectors in second.vectors]
         return float(self._distances(first, rows).min())
 
-    def _distances(self, query: Encoding, rows: list[npt.NDArray[np.float32]]) -> npt.NDArray[np.floating]:
+    def _distances(
+        self, query: Encoding, rows: Sequence[npt.NDArray[np.float32]]
+    ) -> npt.NDArray[np.floating]:
         total = np.zeros((len(self._sectors), len(rows[0])))
         for grid, stored, weight, step in zip(query.vectors, rows, self._weights, self._step, strict=True):
             unit = unit_grid(grid)

@@ -32,7 +32,6 @@ class PixelL2Recognizer:
     def __init__(self, size: int = 96) -> None:
         self._size = size
         self._store = VectorStore()
-        self._squares: list[float] = []
 
     def fit(self, images: Sequence[RangeImage]) -> PixelL2Recognizer:
         """Nothing to learn."""
@@ -44,7 +43,6 @@ class PixelL2Recognizer:
 
     def add(self, description: npt.NDArray[np.float32]) -> int:
         """Store a place."""
-        self._squares.append(float(description @ description))
         return self._store.add(description)
 
     def query(
@@ -54,9 +52,8 @@ class PixelL2Recognizer:
         rows = self._store.rows(limit)
         if not len(rows):
             return []
-        squares = np.asarray(self._squares[: len(rows)])
-        squared = squares - 2.0 * (rows @ description) + float(description @ description)
-        return nearest_matches(np.sqrt(np.maximum(squared, 0.0) / len(description)), k)
+        # Differences, not |a|^2 - 2ab + |b|^2, which loses a small distance in the rounding of float32.
+        return nearest_matches(np.array([self.distance(row, description) for row in rows]), k)
 
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Root mean square difference in metres."""

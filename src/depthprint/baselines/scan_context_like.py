@@ -55,7 +55,7 @@ class ScanContextLikeRecognizer:
 
     def add(self, description: npt.NDArray[np.float32]) -> int:
         """Store a place."""
-        self._occupied.add(description.any(1).astype(np.float32))
+        self._occupied.add(_occupied(description))
         return self._columns.add(description)
 
     def query(
@@ -76,7 +76,7 @@ class ScanContextLikeRecognizer:
                 f"scan-context-like: expected maps of one shape, got {first.shape} and {second.shape}"
             )
         rows = second.reshape(1, -1)
-        return float(self._distances(first, rows, second.any(1).astype(np.float32)[None]).min())
+        return float(self._distances(first, rows, _occupied(second)[None]).min())
 
     def _distances(
         self,
@@ -87,8 +87,8 @@ class ScanContextLikeRecognizer:
         """(shifts, n): one minus the mean cosine over the columns that hold something in both."""
         shifted = np.stack([self._shift(query, int(s)) for s in self._shifts])
         cosines = shifted.reshape(len(shifted), -1) @ rows.T
-        common = shifted.any(2).astype(np.float32) @ occupied.T
-        return 1.0 - cosines / np.maximum(common, 1.0)
+        common = _occupied(shifted) @ occupied.T
+        return np.asarray(1.0 - cosines / np.maximum(common, 1.0))
 
     def _shift(self, columns: npt.NDArray[np.float32], shift: int) -> npt.NDArray[np.float32]:
         moved = np.roll(columns, shift, axis=0)
@@ -98,3 +98,8 @@ class ScanContextLikeRecognizer:
             elif shift < 0:
                 moved[shift:] = 0.0
         return moved
+
+
+def _occupied(columns: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """1 for a column that holds something, else 0."""
+    return np.asarray(columns.any(-1), dtype=np.float32)

@@ -146,8 +146,8 @@ def _balconies(style: BlockStyle, width: float, eaves: float, rng: np.random.Gen
     if eaves < 5.5 or rng.random() >= style.balcony_share:
         return []
     pitch, length, reach = rng.uniform(4.5, 7.5), rng.uniform(2.2, 3.8), rng.uniform(0.8, 1.3)
-    columns = np.arange(-width / 2 + 1.0, width / 2 - length - 0.5, pitch)
-    floors = np.arange(2.8, eaves - 2.0, 2.9)
+    columns = np.arange(-width / 2 + 1.0, width / 2 - length - 0.5, pitch).tolist()
+    floors = np.arange(2.8, eaves - 2.0, 2.9).tolist()
     return [
         part
         for x in columns

@@ -25,14 +25,14 @@ def merge(parts: Sequence[Triangles]) -> Triangles:
     """One soup of several; (0, 3, 3) of none."""
     if not parts:
         return np.zeros((0, 3, 3), np.float32)
-    return np.concatenate(parts).astype(np.float32, copy=False)
+    return np.concatenate(parts, dtype=np.float32)
 
 
 def moved(triangles: Triangles, x: float, y: float, heading_rad: float = 0.0, z: float = 0.0) -> Triangles:
     """The soup turned about the z axis by ``heading_rad``, then shifted by (x, y, z) metres."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     rotation = np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)])
-    return (triangles @ rotation + np.array([x, y, z])).astype(np.float32)
+    return np.asarray(triangles @ rotation + np.array([x, y, z]), dtype=np.float32)
 
 
 def hexahedron(bottom: Rectangle, top: Rectangle, z_bottom: float, z_top: float) -> Triangles:
@@ -40,7 +40,7 @@ def hexahedron(bottom: Rectangle, top: Rectangle, z_bottom: float, z_top: float)
     corners = []
     for (x0, x1, y0, y1), z in ((bottom, z_bottom), (top, z_top)):
         corners += [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
-    return np.array(corners, dtype=np.float32)[_HEXAHEDRON_FACES]
+    return np.asarray(np.array(corners, dtype=np.float32)[_HEXAHEDRON_FACES])
 
 
 def box(x_min: float, x_max: float, y_min: float, y_max: float, z_min: float, z_max: float) -> Triangles:
@@ -72,7 +72,7 @@ def lathe(profile: Sequence[tuple[float, float]], sides: int = 8) -> Triangles:
     a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
     lower = np.stack([a, b, c], axis=2).reshape(-1, 3, 3)
     upper = np.stack([a, c, d], axis=2).reshape(-1, 3, 3)
-    return np.concatenate([lower, upper]).astype(np.float32)
+    return np.asarray(np.concatenate([lower, upper]), dtype=np.float32)
 
 
 def ellipsoid(
@@ -86,4 +86,4 @@ def ellipsoid(
     ring = np.sin(polar) * (1.0 if lumps is None else lumps)
     ring[[0, -1]] = 0.0
     unit = lathe(list(zip(ring.tolist(), (-np.cos(polar)).tolist(), strict=True)), sides)
-    return (unit * np.array(radii) + np.array(centre)).astype(np.float32)
+    return np.asarray(unit * np.array(radii) + np.array(centre), dtype=np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -97,12 +98,12 @@ def built_in_route(length_m: float = 1500.0, seed: int = 0) -> Route:
     order = "ABCDABCDAFEGADCBA"
     # The lane offset and the corners do not grow with the town, so that the scale is found by a few corrections.
     scale = length_m / 1440.0
-    bends = {}
-    for first, second in zip(order[:-1], order[1:], strict=True):
+    bends: dict[str, FloatArray] = {}
+    for first, second in pairwise(order):
         key = "".join(sorted(first + second))
         bends.setdefault(key, rng.normal(0.0, 0.035, 2))
     wobble = rng.uniform(0, 2 * math.pi, 3)
-    line = np.zeros((2, 2))
+    line: FloatArray = np.zeros((2, 2))
     for _ in range(6):
         line = _drive(nodes, order, bends, scale, wobble)
         scale *= length_m / float(np.hypot(*np.diff(line, axis=0).T).sum())
@@ -128,7 +129,7 @@ def _drive(
     nodes: dict[str, FloatArray], order: str, bends: dict[str, FloatArray], scale: float, wobble: FloatArray
 ) -> FloatArray:
     points = [nodes[order[0]] * scale]
-    for first, second in zip(order[:-1], order[1:], strict=True):
+    for first, second in pairwise(order):
         low, high = sorted(first + second)
         a, b = nodes[low] * scale, nodes[high] * scale
         normal = np.array([a[1] - b[1], b[0] - a[0]])
