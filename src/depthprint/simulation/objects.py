@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -152,7 +153,7 @@ class _Proportions:
 
 
 def _grow(p: _Proportions) -> Triangles:
-    """Object of a category, 8 to 25 cm in its largest extent, standing on z = 0 at the origin."""
+    """Object of a category, 10 to 22 cm or so in its largest extent, standing on z = 0 at the origin."""
     body = _body(p)
     under = _UNDER[p.pick(*_UNDER)](p, body)
     top = _ON_TOP[p.pick(*_ON_TOP)](p, body)
@@ -161,7 +162,7 @@ def _grow(p: _Proportions) -> Triangles:
     low, high = _extent(whole)
     scale = p.length(0.10, 0.22) / float((high - low).max())
     middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    return ((whole - middle) * scale).astype(np.float32)
+    return np.asarray((whole - middle) * scale, dtype=np.float32)
 
 
 def _body(p: _Proportions) -> Triangles:
@@ -177,11 +178,13 @@ def _body(p: _Proportions) -> Triangles:
     if kind == "lying cylinder":
         return _rod((-h / 2, 0.0, d / 3), (h / 2, 0.0, d / 3), d / 3)
     if kind == "sphere":
-        return (_sphere(0.5) * np.array([w, d, min(h, 1.0)])).astype(np.float32)
+        return np.asarray(_sphere(0.5) * np.array([w, d, min(h, 1.0)]), dtype=np.float32)
     if kind == "capsule":
         return _capsule(0.35 * d, h)
     if kind == "bowl":
-        return lathe([(0.0, 0.0), (0.2 * w, 0.0), (0.5 * w, 0.4 * h), (0.47 * w, 0.4 * h), (0.0, 0.05 * h)], SIDES)
+        return lathe(
+            [(0.0, 0.0), (0.2 * w, 0.0), (0.5 * w, 0.4 * h), (0.47 * w, 0.4 * h), (0.0, 0.05 * h)], SIDES
+        )
     radii = [0.5 * d * p.length(0.4, 1.3) for _ in range(p.count(3, 5))]
     heights = np.linspace(0.0, h, len(radii)).tolist()
     return lathe([(0.0, 0.0), *zip(radii, heights, strict=True), (0.0, h)], SIDES)
@@ -223,13 +226,15 @@ def _pedestal(p: _Proportions, body: Triangles) -> Triangles:
 def _lid(p: _Proportions, body: Triangles) -> Triangles:
     low, high = _extent(body)
     radius, knob = 0.4 * float((high - low)[:2].min()), p.length(0.05, 0.12)
-    return _raised(merge([_cylinder(radius, 0.06), moved(_sphere(knob), 0.0, 0.0, z=0.05)]), high[2])
+    lid = merge([_cylinder(radius, 0.06), moved(_sphere(knob), 0.0, 0.0, z=0.05)])
+    return moved(lid, 0.0, 0.0, z=float(high[2]))
 
 
 def _cone(p: _Proportions, body: Triangles) -> Triangles:
     low, high = _extent(body)
     wide, tip = 0.5 * float((high - low)[:2].min()) * p.length(0.5, 1.3), p.length(0.03, 0.12)
-    return _raised(lathe([(wide, 0.0), (tip, p.length(0.2, 0.8)), (0.0, p.length(0.2, 0.8))], SIDES), high[2])
+    tall, z = p.length(0.2, 0.8), float(high[2])
+    return lathe([(wide, z), (tip, z + tall), (0.0, z + tall)], SIDES)
 
 
 def _head(p: _Proportions, body: Triangles) -> Triangles:
@@ -237,23 +242,27 @@ def _head(p: _Proportions, body: Triangles) -> Triangles:
     forward = p.length(0.1, 0.6) * float(_extent(body)[1][0])
     top = float(_extent(body)[1][2])
     head = moved(_sphere(radius), forward, 0.0, z=top + neck)
-    return merge([head, _rod((forward / 2, 0.0, top - 0.15), (forward, 0.0, top + neck + radius), radius / 2)])
+    return merge(
+        [head, _rod((forward / 2, 0.0, top - 0.15), (forward, 0.0, top + neck + radius), radius / 2)]
+    )
 
 
 def _back(p: _Proportions, body: Triangles) -> Triangles:
     low, high = _extent(body)
     thick, tall = p.length(0.05, 0.12), p.length(0.3, 1.0)
-    return box(float(low[0]), float(low[0]) + thick, float(low[1]), float(high[1]), 0.0, float(high[2]) + tall)
+    return box(
+        float(low[0]), float(low[0]) + thick, float(low[1]), float(high[1]), 0.0, float(high[2]) + tall
+    )
 
 
 def _handle(p: _Proportions, body: Triangles) -> Triangles:
-    low, high = _extent(body)
+    _, high = _extent(body)
     reach, radius = p.length(0.15, 0.4), p.length(0.03, 0.06)
     tall, middle = p.length(0.5, 0.9) * float(high[2]) / 2, float(high[2]) / 2
     angles = np.linspace(-math.pi / 2, math.pi / 2, 7)
     x, z = 0.9 * high[0] + reach * np.cos(angles), middle + tall * np.sin(angles)
     points = [(float(a), 0.0, float(b)) for a, b in zip(x, z, strict=True)]
-    return merge([_rod(a, b, radius) for a, b in zip(points[:-1], points[1:], strict=True)])
+    return merge([_rod(a, b, radius) for a, b in pairwise(points)])
 
 
 def _arms(p: _Proportions, body: Triangles) -> Triangles:
@@ -261,7 +270,10 @@ def _arms(p: _Proportions, body: Triangles) -> Triangles:
     reach, lift, radius = p.length(0.2, 0.9), p.length(0.1, 0.8), p.length(0.04, 0.1)
     z = float(high[2]) * 0.6
     return merge(
-        [_rod((0.0, 0.8 * y, z), (0.0, y + math.copysign(reach, y), z + lift), radius) for y in (low[1], high[1])]
+        [
+            _rod((0.0, 0.8 * y, z), (0.0, y + math.copysign(reach, y), z + lift), radius)
+            for y in (low[1], high[1])
+        ]
     )
 
 
@@ -273,7 +285,7 @@ def _spout(p: _Proportions, body: Triangles) -> Triangles:
 
 
 def _fins(p: _Proportions, body: Triangles) -> Triangles:
-    low, high = _extent(body)
+    _, high = _extent(body)
     chord, span, z = p.length(0.15, 0.5), p.length(0.4, 1.2), float(high[2]) * 0.5
     reach = float(high[1]) + span
     return box(-chord / 2, chord / 2, -reach, reach, z, z + 0.05)
@@ -290,10 +302,6 @@ _BESIDE: dict[str, _Part] = {
 def _extent(triangles: Triangles) -> tuple[FloatArray, FloatArray]:
     corners = triangles.reshape(-1, 3).astype(np.float64)
     return corners.min(axis=0), corners.max(axis=0)
-
-
-def _raised(triangles: Triangles, z: float) -> Triangles:
-    return moved(triangles, 0.0, 0.0, z=z)
 
 
 def _cylinder(radius: float, height: float) -> Triangles:
@@ -319,7 +327,7 @@ def _rod(start: tuple[float, float, float], end: tuple[float, float, float], rad
     aside = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)
     frame = np.stack([aside, np.cross(axis, aside), axis])
-    return (_cylinder(radius, length) @ frame + np.array(start)).astype(np.float32)
+    return np.asarray(_cylinder(radius, length) @ frame + np.array(start), dtype=np.float32)
 
 
 def _require_whole(name: str, value: object, least: int) -> None:

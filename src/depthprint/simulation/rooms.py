@@ -22,7 +22,7 @@ ROOM_SPACING_M = 20.0
 # Nothing that stands this far from the walls reaches the height at which the camera is carried.
 CAMERA_TO_WALL_M = 1.15
 CAMERA_HEIGHTS_M = (1.05, 1.65)
-FRAME_STEP_M, FRAME_STEP_RAD = 0.03, math.radians(2.0)
+FRAME_STEP_M, FRAME_STEP_RAD, STROLL_M = 0.03, math.radians(2.0), 0.8
 _WORLD_STREAM, _PATH_STREAM, _NOISE_STREAM = 0, 1, 2
 
 
@@ -107,6 +107,8 @@ def _viewpoint(
     """(x, y, z, yaw, pitch, roll) that looks at something beyond the free space, mostly not far aside."""
     for _ in range(20):
         position = rng.uniform(low, high)
+        if before is not None:
+            position = np.clip(position, before[:3] - STROLL_M, before[:3] + STROLL_M)
         bearing = rng.uniform(-math.pi, math.pi)
         target = (np.abs(high[:2]) + 0.7) * [math.cos(bearing), math.sin(bearing)]
         ahead = target - position[:2]
@@ -122,7 +124,7 @@ def _viewpoint(
 
 def _duration(a: FloatArray, b: FloatArray) -> float:
     step_m, turn_rad = np.linalg.norm(a[:3] - b[:3]), np.abs(a[3:] - b[3:]).max()
-    return float(max(8.0, step_m / FRAME_STEP_M, turn_rad / FRAME_STEP_RAD))
+    return float(max(12.0, step_m / FRAME_STEP_M, turn_rad / FRAME_STEP_RAD))
 
 
 def _tremor(rng: np.random.Generator, n: int) -> FloatArray:
@@ -324,7 +326,7 @@ def _things(
             thing = box(-half, half, -0.07, 0.07, 0, h)
         elif kind == 1:
             thing = merge(
-                [box(s - 0.012, s + 0.012, -0.08, 0.08, 0, h) for s in np.arange(-half, half, 0.03)]
+                [box(s - 0.012, s + 0.012, -0.08, 0.08, 0, h) for s in np.arange(-half, half, 0.03).tolist()]
             )
         elif kind == 2:
             r = min(half, 0.05)
