@@ -86,7 +86,26 @@ def test_picked_image_atoms_carry_sign_and_mass():
     model = sparse_code(patches.vectors, atoms, n_nonzero=4)
     clusters = make_clusters(model, patches, atoms, stream)
     assert len(clusters.appearance) == 4
-    assert np.allclose(clusters.appearance.sum(0), (model.to_dense() @ atoms)[0])
+    assert np.allclose(clusters.appearance.sum(0), model.to_dense()[0])
+    assert (np.count_nonzero(clusters.appearance, axis=1) == 1).all()
+    assert (clusters.appearance < 0).any()
     unsigned = make_clusters(model, patches, atoms, stream.model_copy(update={"signed": False}))
-    cosines = (unsigned.appearance @ atoms.T).max(1) / np.linalg.norm(unsigned.appearance, axis=1)
-    assert np.allclose(cosines, 1)
+    assert np.allclose(unsigned.appearance.sum(0), np.abs(model.to_dense()[0]))
+
+
+def test_ground_points_of_picked_atoms_keep_the_distances_of_signed_atoms():
+    encoder, images = literal_encoder()
+    signature = encoder.describe(images[0]).signatures[0]
+    _, _, model = encoder.codes(images[0])
+    picked, coefficients = model.row(0)
+    order = np.argsort(-np.abs(coefficients), kind="stable")
+    signed = encoder.streams[0].dictionary.atoms[picked[order]] * np.sign(coefficients[order])[:, None]
+    expected = np.linalg.norm(signed[:, None] - signed[None], axis=2)
+    got = np.linalg.norm(signature.points[:, None] - signature.points[None], axis=2)
+    assert np.allclose(got, expected, atol=1e-4)
+
+
+def literal_encoder():
+    from test_encoder import fitted
+
+    return fitted("literal")

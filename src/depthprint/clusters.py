@@ -15,12 +15,16 @@ __all__ = ["Clusters", "cell_grid", "make_clusters"]
 
 FloatArray = npt.NDArray[np.float64]
 
+# Table 1: a sparse model has 20 atoms.
+_MAX_PICKED = 20
+
 
 @dataclass(frozen=True)
 class Clusters:
-    """Clusters before their appearance is projected to the ground space; one row a place of the grid.
+    """Clusters before their appearance is brought to the ground space; one row a place of the grid.
 
-    appearance: (m, a) float64, not normalised; a row of zeros is an empty cluster.
+    appearance: (m, a) float64, not normalised; a row of zeros is an empty cluster. Its columns are atoms and signs
+        for 'cells', pixels for 'patches', and atoms for 'atoms', where a row names one signed atom.
     positions: (m, p) in [0, 1]. depth: (m,) mean relative depth.
     """
 
@@ -42,7 +46,7 @@ def make_clusters(
         return _cells(model, coefficients, patches, stream)
     if stream.clusters == "patches":
         return Clusters(_reconstruct(model, coefficients, atoms), patches.positions, patches.depth)
-    return _picked_atoms(model, coefficients, patches, atoms, stream)
+    return _picked_atoms(model, coefficients, patches, stream)
 
 
 def cell_grid(stream: StreamSettings, dims: int) -> tuple[FloatArray, FloatArray]:
@@ -82,7 +86,7 @@ def _reconstruct(model: SparseModel, coefficients: FloatArray, atoms: FloatArray
 
 
 def _picked_atoms(
-    model: SparseModel, coefficients: FloatArray, patches: Patches, atoms: FloatArray, stream: StreamSettings
+    model: SparseModel, coefficients: FloatArray, patches: Patches, stream: StreamSettings
 ) -> Clusters:
     """The heaviest signed atoms of the image, each at the centroid of the patches that picked it."""
     patch = np.repeat(np.arange(len(model.indptr) - 1), np.diff(model.indptr))
@@ -95,11 +99,8 @@ def _picked_atoms(
     def centroid(values: FloatArray) -> FloatArray:
         return np.bincount(slot, np.abs(coefficients) * values[patch], n_slots)[kept] / mass[kept]
 
+    appearance = np.zeros((len(kept), model.n_atoms))
     sign = np.where(kept < model.n_atoms, 1.0, -1.0)
-    appearance = atoms[kept % model.n_atoms] * (sign * mass[kept])[:, None]
+    appearance[np.arange(len(kept)), kept % model.n_atoms] = sign * mass[kept]
     positions = np.stack([centroid(axis) for axis in patches.positions.T], axis=1)
     return Clusters(appearance, positions, centroid(patches.depth))
-
-
-# Table 1: a sparse model has 20 atoms.
-_MAX_PICKED = 20

@@ -144,8 +144,8 @@ class Encoder:
         from depthprint.signature_index import SignatureIndex, StreamDistance
 
         streams = [
-            StreamDistance(ground_distance(s, self.settings), s.masses, s.form, s.weight)
-            for s in self.settings.streams
+            StreamDistance(ground_distance(s, self.settings), s.masses, s.form, weight)
+            for s, weight in zip(self.settings.streams, self.settings.stream_weights, strict=True)
         ]
         return SignatureIndex(streams, shifts=self.shifts())
 

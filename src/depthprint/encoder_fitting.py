@@ -21,6 +21,8 @@ from depthprint.views import make_view
 
 __all__ = ["fit_stream"]
 
+FloatArray = npt.NDArray[np.float64]
+
 _MAX_TRAINING_PATCHES = 20_000
 _MAX_BASIS_CLUSTERS = 20_000
 
@@ -93,35 +95,38 @@ def _single_channel_shape(patches: Patches, stream: StreamSettings) -> tuple[int
 
 def _cluster_basis(
     patches: Sequence[Patches], dictionary: Dictionary, stream: StreamSettings, rng: np.random.Generator
-) -> npt.NDArray[np.float64]:
-    """Leading right singular vectors of the normalised clusters.
+) -> FloatArray:
+    """Columns that bring cluster appearances to the ground space, the leading ``point_dims`` of them (0: all).
 
-    Picked atoms span few dimensions: theirs are exact coordinates (an isometry) unless ``point_dims`` cuts them.
+    For picked atoms the rows are coordinates with the atoms' own inner products, so that distances between signed
+    atoms are kept exactly; else the columns are the leading right singular vectors of normalised clusters.
     """
     if stream.clusters == "atoms":
-        directions = dictionary.atoms
+        values, vectors = np.linalg.eigh(dictionary.gram_as(np.float64))
+        basis = vectors * np.sqrt(np.maximum(values, 0.0))
     else:
-        order = rng.permutation(len(patches))
-        rows: list[npt.NDArray[np.float64]] = []
-        count = 0
-        for number in order:
-            clusters = make_clusters(
-                _code(patches[number], dictionary, stream), patches[number], dictionary.atoms, stream
-            )
-            rows.append(clusters.appearance)
-            count += len(clusters.appearance)
-            if count >= _MAX_BASIS_CLUSTERS:
-                break
-        stacked = np.concatenate(rows)
-        norms = np.linalg.norm(stacked, axis=1)
-        directions = stacked[norms > 1e-9] / norms[norms > 1e-9, None]
-    if len(directions) > directions.shape[1]:
-        _, vectors = np.linalg.eigh(directions.T @ directions)
-        basis = vectors[:, ::-1]
-    else:
-        _, _, rows_t = np.linalg.svd(directions, full_matrices=False)
-        basis = rows_t.T
+        directions = _cluster_directions(patches, dictionary, stream, rng)
+        _, basis = np.linalg.eigh(directions.T @ directions)
+    basis = basis[:, ::-1]
     if stream.point_dims:
         basis = basis[:, : stream.point_dims]
     signs = np.where(basis[np.abs(basis).argmax(0), np.arange(basis.shape[1])] < 0, -1.0, 1.0)
     return np.ascontiguousarray(basis * signs)
+
+
+def _cluster_directions(
+    patches: Sequence[Patches], dictionary: Dictionary, stream: StreamSettings, rng: np.random.Generator
+) -> FloatArray:
+    """Normalised clusters of images drawn at random, (n, a)."""
+    rows: list[FloatArray] = []
+    count = 0
+    for number in rng.permutation(len(patches)):
+        model = _code(patches[number], dictionary, stream)
+        clusters = make_clusters(model, patches[number], dictionary.atoms, stream)
+        rows.append(clusters.appearance)
+        count += len(clusters.appearance)
+        if count >= _MAX_BASIS_CLUSTERS:
+            break
+    stacked = np.concatenate(rows)
+    norms = np.linalg.norm(stacked, axis=1)
+    return np.asarray(stacked[norms > 1e-9] / norms[norms > 1e-9, None])

@@ -67,13 +67,13 @@ def _stream_sum(
             form=stream.form,
             shifts=None if shifts is None else shifts[number],
         )
-        total = total + stream.weight * matrix
+        total = total + encoder.settings.stream_weights[number] * matrix
     return np.asarray(total, dtype=np.float64)
 
 
 def cosine_distances(encoder: Encoder, queries: Sequence[Encoding]) -> FloatArray:
     """One minus the weighted mean cosine of the streams' pooled codes; the nearer of a view and its mirror image."""
-    weights = [s.weight for s in encoder.settings.streams]
+    weights = encoder.settings.stream_weights
     total = np.zeros((len(queries), len(queries)))
     flipped = np.zeros_like(total)
     for number, weight in enumerate(weights):
@@ -84,7 +84,7 @@ def cosine_distances(encoder: Encoder, queries: Sequence[Encoding]) -> FloatArra
             flipped += weight * (mirrored @ straight.T)
     if encoder.settings.mirror:
         total = np.maximum(total, np.maximum(flipped, flipped.T))
-    return np.maximum(1.0 - total / sum(weights), 0.0)
+    return np.maximum(1.0 - total, 0.0)
 
 
 def _unit_rows(grids: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:

@@ -48,8 +48,8 @@ def _handheld() -> EncoderSettings:
 
 def _street() -> EncoderSettings:
     columns = {
-        "view": "polar", "patch_shape": (0, 4), "stride": 1, "n_nonzero": 5, "clusters": "patches", "point_dims": 20,
-        "position_weight": 2.0,
+        "view": "polar", "patch_shape": (0, 4), "stride": 1, "n_nonzero": 10, "clusters": "patches", "point_dims": 20,
+        "mass": "unit", "position_weight": 0.25,
     }  # fmt: skip
     return EncoderSettings.parse(
         {
@@ -65,8 +65,8 @@ def _street() -> EncoderSettings:
 
 def _lidar() -> EncoderSettings:
     columns = {
-        "view": "polar", "patch_shape": (0, 4), "stride": 2, "n_nonzero": 5, "clusters": "patches", "point_dims": 20,
-        "position_weight": 4.0,
+        "view": "polar", "patch_shape": (0, 4), "stride": 2, "n_nonzero": 10, "clusters": "patches", "point_dims": 20,
+        "mass": "unit", "position_weight": 1.0,
     }  # fmt: skip
     return EncoderSettings.parse(
         {

@@ -54,7 +54,7 @@ class StreamSettings(_Frozen):
     mass: weight of a cluster, its norm or 1.
     position_weight, depth_weight: scale of the position in [0, 1] and of the mean depth among the coordinates.
     masses, form, cap: the EMD's treatment of unequal masses, the NCD, and the ground distance's ceiling.
-    weight: share of this stream in the combined distance.
+    weight: weight of this stream in the combined distance, a weighted mean.
     """
 
     view: ViewName
@@ -106,6 +106,12 @@ class EncoderSettings(_Frozen):
     max_shift: int = 0
     mirror: bool = False
     seed: int = 0
+
+    @property
+    def stream_weights(self) -> tuple[float, ...]:
+        """Shares of the streams in the combined distance; they add up to 1."""
+        total = sum(stream.weight for stream in self.streams)
+        return tuple(stream.weight / total for stream in self.streams)
 
     @classmethod
     def parse(cls, values: Any) -> EncoderSettings:

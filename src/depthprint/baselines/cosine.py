@@ -28,7 +28,7 @@ class CosineRecognizer:
         self._sectors = encoder.shift_sectors()
         self._wraps = encoder.settings.polar.full_circle
         self._step = [s.stride if s.view == "polar" else 1 for s in encoder.settings.streams]
-        self._weights = [s.weight for s in encoder.settings.streams]
+        self._weights = encoder.settings.stream_weights
         self._stores = [VectorStore() for _ in self._weights]
 
     def fit(self, images: Sequence[RangeImage]) -> CosineRecognizer:
@@ -69,7 +69,7 @@ class CosineRecognizer:
             unit = unit_grid(grid)
             moved = np.stack([self._shift(unit, sector // step).reshape(-1) for sector in self._sectors])
             total += weight * (1.0 - moved @ stored.T)
-        return total / sum(self._weights)
+        return total
 
     def _shift(self, grid: npt.NDArray[np.float32], places: int) -> npt.NDArray[np.float32]:
         moved = np.roll(grid, places, axis=0)
