@@ -39,8 +39,8 @@ def simulated_street(
 
     if sensor not in SENSORS:
         raise SettingsError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
-    if every < 1:
-        raise SettingsError(f"every: expected at least 1, got {every}")
+    if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+        raise SettingsError(f"every: expected an integer of at least 1, got {every!r}")
     if not 0 <= cars_redrawn <= 1:
         raise SettingsError(f"cars_redrawn: expected a share in 0..1, got {cars_redrawn}")
     route = built_in_route(length_m, seed) if poses_file is None else route_from_kitti_poses(poses_file)

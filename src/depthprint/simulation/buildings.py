@@ -109,6 +109,7 @@ def building(
         parts.append(box(at, at + 0.7, -0.6 * depth, -0.6 * depth + 0.7, eaves, eaves + 0.42 * depth))
     if rng.random() < style.bay_share:
         at, reach, bay = rng.uniform(-0.3, 0.1) * width, rng.uniform(0.5, 1.2), rng.uniform(1.6, 2.8)
+        at = min(at, half - bay)
         top = eaves if rng.random() < 0.3 else min(eaves, 3.0)
         parts.append(box(at, at + bay, 0, reach, 0, top))
     parts += _balconies(style, width, eaves, rng)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 
-__all__ = ["Route", "built_in_route", "route_from_kitti_poses"]
+__all__ = ["Route", "built_in_route", "check_seed", "route_from_kitti_poses"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,26 +58,18 @@ def route_from_kitti_poses(path: Path | str) -> Route:
     """Horizontal motion of a KITTI pose file (rows of 3x4 camera-to-world; x right, y down, z forward).
 
     The world is turned so that z is up: x = KITTI's z, y = minus KITTI's x; heights are dropped, since the
-    official poses drift. Raises DataError naming the file and row.
+    official poses drift. Raises DataError naming the file and line.
     """
-    path = Path(path)
-    try:
-        rows = np.loadtxt(path, dtype=np.float64, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: expected a KITTI pose file (12 numbers a row), got {error}") from error
-    if rows.size == 0 or rows.shape[1] != 12:
-        raise DataError(
-            f"{path}: expected 12 numbers a row (KITTI poses), got an array of shape {rows.shape}"
-        )
-    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    if len(bad):
-        raise DataError(f"{path}: row {bad[0] + 1} holds a number that is not finite")
-    poses = rows.reshape(-1, 3, 4)
+    from depthprint.io.poses import read_kitti_poses
+
+    poses = read_kitti_poses(path)
+    if len(poses) < 2:
+        raise DataError(f"{path}: expected at least two poses to drive along, got {len(poses)}")
     flat_forward = np.hypot(poses[:, 0, 2], poses[:, 2, 2])
     tilted = np.flatnonzero(flat_forward < 0.5)
     if len(tilted):
         raise DataError(
-            f"{path}: row {tilted[0] + 1} looks up or down by more than 60 degrees; expected a vehicle"
+            f"{path}: pose {tilted[0] + 1} looks up or down by more than 60 degrees; expected a vehicle"
         )
     return Route(
         np.stack([poses[:, 2, 3], -poses[:, 0, 3]], axis=1),
@@ -93,6 +85,7 @@ def built_in_route(length_m: float = 1500.0, seed: int = 0) -> Route:
     """
     if not (math.isfinite(length_m) and length_m >= MIN_LENGTH_M):
         raise SettingsError(f"length_m: expected at least {MIN_LENGTH_M:g} metres, got {length_m}")
+    check_seed(seed)
     rng = np.random.default_rng([seed, 7301])
     nodes = _town_nodes(rng)
     order = "ABCDABCDAFEGADCBA"
@@ -110,6 +103,12 @@ def built_in_route(length_m: float = 1500.0, seed: int = 0) -> Route:
     positions = _resampled(line, FRAME_SPACING_M)
     step = np.gradient(positions, axis=0)
     return Route(positions, np.arctan2(step[:, 1], step[:, 0]))
+
+
+def check_seed(seed: int) -> None:
+    """Raise SettingsError unless ``seed`` is an integer of at least 0."""
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise SettingsError(f"seed: expected an integer >= 0, got {seed!r}")
 
 
 def _town_nodes(rng: np.random.Generator) -> dict[str, FloatArray]:

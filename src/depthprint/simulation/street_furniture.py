@@ -6,7 +6,9 @@ import numpy as np
 
 from depthprint.simulation.meshes import Triangles, box, ellipsoid, lathe, merge
 
-__all__ = ["barrier", "bush", "pole", "sign", "tree"]
+__all__ = ["BUSH_SPREAD", "barrier", "bush", "pole", "sign", "tree"]
+
+BUSH_SPREAD = 1.1
 
 
 def tree(height: float, crown_radius: float, shape: str, rng: np.random.Generator) -> Triangles:
@@ -38,9 +40,9 @@ def tree(height: float, crown_radius: float, shape: str, rng: np.random.Generato
 
 
 def bush(radius: float, height: float, rng: np.random.Generator) -> Triangles:
-    """A lump on the ground at the origin."""
+    """A lump on the ground at the origin, within ``BUSH_SPREAD`` times ``radius``."""
     return ellipsoid(
-        (radius, radius, 0.62 * height), (0.0, 0.0, 0.38 * height), rng.uniform(0.8, 1.1, 6), sides=8
+        (radius, radius, 0.62 * height), (0.0, 0.0, 0.38 * height), rng.uniform(0.8, BUSH_SPREAD, 6), sides=8
     )
 
 

@@ -11,12 +11,14 @@ from depthprint.simulation.buildings import STYLES, BlockStyle, building, draw_s
 from depthprint.simulation.footprints import Footprint, GroundPlan
 from depthprint.simulation.meshes import Triangles, moved
 from depthprint.simulation.parking import SLOT_HALF_LENGTH_M, SLOT_HALF_WIDTH_M
-from depthprint.simulation.street_furniture import barrier, bush, pole, sign, tree
-from depthprint.simulation.streets import Block, StreetLine
+from depthprint.simulation.street_furniture import BUSH_SPREAD, barrier, bush, pole, sign, tree
+from depthprint.simulation.streets import SPACING_M, Block, StreetLine
 
 __all__ = ["LANE_CLEARANCE_M", "Thing", "TownPlanner"]
 
 LANE_CLEARANCE_M = 1.5
+# The lane is known by samples; half way between two of them it must be as free.
+_SAMPLE_CLEARANCE_M = math.hypot(LANE_CLEARANCE_M, 0.5 * SPACING_M)
 _FACADE_REACH_M = 1.3
 _RIGHT, _LEFT = -1, 1
 
@@ -206,7 +208,7 @@ class TownPlanner:
             else:
                 radius = rng.uniform(0.5, 1.6)
                 x, y, heading = self._line.at(arc, lateral)
-                place = Footprint(x, y, heading, radius, radius)
+                place = Footprint(x, y, heading, BUSH_SPREAD * radius, BUSH_SPREAD * radius)
                 if self._may_stand(place):
                     shape_ = bush(radius, rng.uniform(0.8, 2.2), rng)
                     self._place("bush", place, moved(shape_, x, y, rng.uniform(0, 6)), 0.3)
@@ -248,7 +250,7 @@ class TownPlanner:
             )
 
     def _may_stand(self, place: Footprint, margin: float = 0.0) -> bool:
-        free = self.plan.lane_clearance(place, LANE_CLEARANCE_M) >= LANE_CLEARANCE_M
+        free = self.plan.lane_clearance(place, _SAMPLE_CLEARANCE_M) >= _SAMPLE_CLEARANCE_M
         return free and not self.plan.overlaps(place, margin)
 
     def _place(self, kind: str, place: Footprint, triangles: Triangles, reach: float = 0.0) -> None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.errors import SettingsError
 from depthprint.simulation.footprints import Footprint, GroundPlan
 from depthprint.simulation.meshes import Triangles
 from depthprint.simulation.parking import ParkingSlots
-from depthprint.simulation.route import Route
+from depthprint.simulation.route import Route, check_seed
 from depthprint.simulation.streets import StreetLine, cut_blocks, street_line
 from depthprint.simulation.town_planner import TownPlanner
 
@@ -60,10 +58,9 @@ def build_street_world(route: Route, seed: int = 0) -> StreetWorld:
     """Line the streets of a route with a town of the given seed; the same seed gives the same bits.
 
     Nothing is placed nearer than 1.5 m to the driven path, wherever the path crosses itself or comes back
-    beside itself. Raises SettingsError for a negative seed.
+    beside itself; tree crowns may hang over it, above 2.3 m. Raises SettingsError for a wrong seed.
     """
-    if seed < 0 or seed != math.floor(seed):
-        raise SettingsError(f"seed: expected an integer >= 0, got {seed}")
+    check_seed(seed)
     rng = np.random.default_rng([seed, 11])
     line = street_line(route)
     planner = TownPlanner(line, rng)
