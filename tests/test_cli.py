@@ -246,3 +246,13 @@ def test_loops_of_a_real_campus(data_root: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done("loops", data_root / "laser" / "freiburg-campus-corrected.log.gz", "--every", 4, "-o", out)
     assert 0 < results(out)["methods"]["emd"]["average_precision"] <= 1
+
+
+def test_info_describes_a_dictionary(tmp_path: Path) -> None:
+    from depthprint import Dictionary
+
+    dictionary = Dictionary(np.eye(16))
+    dictionary.save(tmp_path / "dictionary.npz")
+    described = done("info", tmp_path / "dictionary.npz")
+    assert dictionary.fingerprint in described
+    assert "16 of 16 values" in described

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from depthprint.errors import ModelError
 from depthprint.io.atomic import atomic_path
 
-__all__ = ["DAMAGED", "read_archive", "write_archive"]
+__all__ = ["DAMAGED", "read_archive", "read_header", "write_archive"]
 
 # What zipfile, zlib, json and numpy raise on a damaged file; RuntimeError covers NotImplementedError.
 DAMAGED = (
@@ -65,3 +65,15 @@ def read_archive(
             f"{path}: expected {file_format!r} version {version}, got {found[0]!r} version {found[1]}"
         )
     return header, arrays
+
+
+def read_header(path: Path | str) -> dict[str, Any]:
+    """Header of any archive of ``write_archive``; ModelError, naming the file, when it is missing or another file."""
+    try:
+        with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
+            header = json.loads(str(archive["header"]))
+            return {"format": header["format"], "version": header["version"], **header}
+    except DAMAGED as error:
+        raise ModelError(
+            f"{path}: expected a file of depthprint (.npz), found a damaged or other file ({error})"
+        ) from error

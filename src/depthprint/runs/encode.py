@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import numpy.typing as npt
 
 from depthprint.runs.models import require_model
 from depthprint.runs.source import DataSource
@@ -48,7 +47,7 @@ def run_encode(
     For stream s the arrays ``weights_s`` (n, k), ``points_s`` (n, k, d) and ``counts_s`` (n,), padded with zeros;
     ``header`` holds JSON: format, version, data, preset, fingerprint, names of the streams.
     """
-    from depthprint.io.atomic import atomic_path
+    from depthprint.io.archive import write_archive
 
     sequence = source.open(stages("make the world"))
     encoder = require_model(model, preset, sequence.preset)
@@ -69,13 +68,12 @@ def run_encode(
         "images": len(encodings),
     }
     path = out if out.suffix == ".npz" else out.with_name(out.name + ".npz")
-    with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, **_arrays(header, encodings, len(streams)))
+    write_archive(path, header, _arrays(encodings, len(streams)))
     return EncodedSequence(path, sequence.name, len(encodings), streams, encoder.fingerprint)
 
 
-def _arrays(header: dict[str, object], encodings: Sequence[Encoding], n_streams: int) -> dict[str, Any]:
-    arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+def _arrays(encodings: Sequence[Encoding], n_streams: int) -> dict[str, npt.NDArray[Any]]:
+    arrays: dict[str, npt.NDArray[Any]] = {}
     for stream in range(n_streams):
         batch = SignatureBatch.stack([encoding.signatures[stream] for encoding in encodings])
         arrays[f"weights_{stream}"] = batch.weights

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from depthprint.encoder_file import FORMAT
 from depthprint.errors import ModelError
+from depthprint.io.archive import read_header
 from depthprint.runs.encode import SIGNATURES_FORMAT
 
 __all__ = ["describe_file", "describe_installation"]
@@ -35,29 +33,13 @@ def describe_file(path: Path) -> dict[str, str]:
     """Content of a model, dictionary or signature file; ModelError for a damaged or another file."""
     if not path.is_file():
         raise ModelError(f"{path}: no such file")
-    header = _header(path)
-    if header is not None and header.get("format") == SIGNATURES_FORMAT:
-        return {
-            "signatures": str(path),
-            **{key: _text(value) for key, value in header.items() if key != "format"},
-        }
-    if header is not None:
+    header = read_header(path)
+    if header["format"] == SIGNATURES_FORMAT:
+        facts = {key: _text(value) for key, value in header.items() if key != "format"}
+        return {"signatures": str(path), **facts}
+    if header["format"] == FORMAT:
         return _describe_model(path)
     return _describe_dictionary(path)
-
-
-def _header(path: Path) -> dict[str, Any] | None:
-    """The JSON header of a model or of signatures; None for an archive without one."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile) or "header" not in archive.files:
-                return None
-            header = json.loads(bytes(archive["header"]).decode())
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ModelError(
-            f"{path}: expected a file of depthprint (.npz), found a damaged or other file ({error})"
-        ) from None
-    return header if isinstance(header, dict) else None
 
 
 def _describe_model(path: Path) -> dict[str, str]:
