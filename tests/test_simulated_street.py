@@ -145,6 +145,11 @@ def test_a_wrong_option_is_an_error_that_names_it(options, word):
         street(**options)
 
 
+def test_a_length_and_a_pose_file_exclude_each_other(tmp_path):
+    with pytest.raises(SettingsError, match="length_m"):
+        simulated_street(poses_file=kitti_file(tmp_path / "42.txt"), length_m=500.0)
+
+
 def test_progress_is_told_to_its_end():
     calls = []
     street(progress=lambda done, total: calls.append((done, total)))

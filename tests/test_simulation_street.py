@@ -580,3 +580,19 @@ def test_noise_of_two_frames_is_not_the_same(round_world, no_traffic):
     drive = Drive(round_world, SENSORS["stereo"], 0.0)
     first, second = twins(round_world)[0]
     assert not np.array_equal(drive.measure(first).ranges_m, drive.measure(second).ranges_m, equal_nan=True)
+
+
+def test_no_parked_car_within_reach_is_left_out(world, no_traffic):
+    reach_m = 100.0
+    lidar = Spherical(360, 16, elevation_min_rad=-0.3, elevation_max_rad=0.05)
+    slots, route = world.slots, world.route
+    drive, static = Drive(world, exact(lidar), 1.0), RayScene(world.within(route.positions_m, reach_m))
+    everyone = np.arange(len(slots))
+    for frame in (30, 200, len(route) - 1):
+        visits = np.array([np.searchsorted(s, route.arc_m[frame]) for s in visit_switches(slots, route)])
+        cars = RayScene(parked_cars(world.seed, slots, everyone, visits, 1.0))
+        pose = drive.pose(frame)
+        expected = nearest_surface(static.cast(lidar, pose), cars.cast(lidar, pose))
+        measured = drive.measure(frame).ranges_m
+        near = (expected < reach_m) | (measured < reach_m)
+        np.testing.assert_allclose(measured[near], expected[near], atol=1e-3)

@@ -11,6 +11,7 @@ from depthprint.errors import SettingsError
 __all__ = ["simulated_street"]
 
 _GAP_FRAMES = 100
+_LENGTH_M = 1500.0
 _PRESETS = {"lidar": "lidar", "laser": "laser"}
 
 
@@ -21,16 +22,18 @@ def simulated_street(
     sensor: str = "stereo",
     seed: int = 0,
     cars_redrawn: float = 0.2,
-    length_m: float = 1500.0,
+    length_m: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RangeSequence:
     """Drive a simulated town; frames are ray cast as they are read, the same bits in any order.
 
-    poses_file: KITTI pose file whose horizontal path is driven; else a built-in route of ``length_m`` metres with
-        loops in both directions. every: take every k-th frame. sensor: 'stereo', 'kinect', 'lidar' (a spinning one)
-        or 'laser' (one planar row over 180 degrees). seed: of the
-        town, its traffic and the noise; different seeds are different towns. cars_redrawn: share of the parking
-        slots whose car is drawn anew at each later visit.
+    poses_file: KITTI pose file whose horizontal path is driven; else a built-in route of ``length_m`` metres
+        (1500 by default) with loops in both directions.
+    every: take every k-th frame.
+    sensor: 'stereo', 'kinect', 'lidar' (a spinning one) or 'laser' (one planar row over 180 degrees).
+    seed: of the town, its traffic and the noise; different seeds are different towns.
+    cars_redrawn: share of the parking slots whose car is drawn anew at each later visit.
+    Poses are T_world_sensor in the projection's own frame, in a world whose z points up.
     Raises SettingsError for a wrong option, DataError for a wrong pose file.
     """
     from depthprint.simulation.drive import SENSORS, Drive
@@ -41,9 +44,14 @@ def simulated_street(
         raise SettingsError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
     if isinstance(every, bool) or not isinstance(every, int) or every < 1:
         raise SettingsError(f"every: expected an integer of at least 1, got {every!r}")
+    if poses_file is not None and length_m is not None:
+        raise SettingsError("length_m: belongs to the built-in route; a pose file has its own length")
     if not 0 <= cars_redrawn <= 1:
         raise SettingsError(f"cars_redrawn: expected a share in 0..1, got {cars_redrawn}")
-    route = built_in_route(length_m, seed) if poses_file is None else route_from_kitti_poses(poses_file)
+    if poses_file is None:
+        route = built_in_route(_LENGTH_M if length_m is None else length_m, seed)
+    else:
+        route = route_from_kitti_poses(poses_file)
     if progress is not None:
         progress(0, 2)
     world = build_street_world(route, seed)

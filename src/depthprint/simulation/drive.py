@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
 from depthprint.range_image import RangeImage
-from depthprint.simulation.meshes import Triangles
+from depthprint.simulation.meshes import merge
 from depthprint.simulation.parking import parked_cars, visit_switches
 from depthprint.simulation.ray_casting import RayScene, nearest_surface
 from depthprint.simulation.sensor_noise import kinect_noise, lidar_noise, stereo_noise
@@ -20,7 +20,9 @@ from depthprint.simulation.world import StreetWorld
 
 __all__ = ["SENSORS", "Drive", "SensorModel"]
 
-_SLOT_SIGHT_M = 85.0
+# Beyond every sensor's reach, so that a car never appears at the edge of what is measured.
+_SLOT_SIGHT_M = 105.0
+_STRETCH_M = 25.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Drive:
     world: StreetWorld
     sensor: SensorModel
     cars_redrawn: float
-    _parked: tuple[bytes, Triangles] = field(default=(b"", np.zeros((0, 3, 3), np.float32)), repr=False)
+    _parked: tuple[bytes, RayScene] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         route = self.world.route
@@ -64,6 +66,7 @@ class Drive:
         self._static = RayScene(self.world.within(route.positions_m[::20], 400.0))
         self._switches = visit_switches(self.world.slots, route)
         self._traffic = Traffic(route, self.world.seed)
+        self._parked = b"", RayScene(merge([]))
 
     def pose(self, frame: int) -> npt.NDArray[np.float64]:
         """T_world_sensor (4, 4): world z up, ground at 0; the sensor level, in its projection's own frame."""
@@ -84,10 +87,8 @@ class Drive:
         """What the sensor measures in a frame."""
         T_world_sensor = self.pose(frame)
         projection = self.sensor.projection
-        cars = RayScene(np.concatenate([self._parked_near(frame), self._traffic.at(frame)]))
-        true_m = nearest_surface(
-            self._static.cast(projection, T_world_sensor), cars.cast(projection, T_world_sensor)
-        )
+        scenes = (self._static, self._parked_near(frame), RayScene(self._traffic.at(frame)))
+        true_m = nearest_surface(*(scene.cast(projection, T_world_sensor) for scene in scenes))
         rng = np.random.default_rng([self.world.seed, 71, frame])
         return RangeImage(
             self.sensor.measure(true_m, rng),
@@ -96,15 +97,17 @@ class Drive:
             source=f"simulated street, seed {self.world.seed}, frame {frame}",
         )
 
-    def _parked_near(self, frame: int) -> Triangles:
-        slots, here = self.world.slots, self.world.route.positions_m[frame]
-        if not len(slots):
-            return np.zeros((0, 3, 3), np.float32)
-        near = np.flatnonzero(np.hypot(*(slots.positions_m - here).T) < _SLOT_SIGHT_M)
+    def _parked_near(self, frame: int) -> RayScene:
+        """The parked cars in sight of the frame's stretch, made anew only where they are not the last ones."""
+        slots, stretches = self.world.slots, (self._arc / _STRETCH_M).astype(np.int64)
+        on_stretch = self.world.route.positions_m[stretches == stretches[frame]]
+        offset = slots.positions_m[:, None] - on_stretch
+        near = np.flatnonzero((np.hypot(offset[..., 0], offset[..., 1]) < _SLOT_SIGHT_M).any(axis=1))
         visits = np.array(
             [np.searchsorted(self._switches[slot], self._arc[frame]) for slot in near], dtype=np.int64
         )
         key = np.stack([near, visits]).tobytes()
         if self._parked[0] != key:
-            self._parked = key, parked_cars(self.world.seed, slots, near, visits, self.cars_redrawn)
+            cars = parked_cars(self.world.seed, slots, near, visits, self.cars_redrawn)
+            self._parked = key, RayScene(cars)
         return self._parked[1]

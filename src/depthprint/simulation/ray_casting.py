@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -36,9 +38,8 @@ class RayScene:
         shape = (projection.height, projection.width)
         if self._scene is None:
             return np.full(shape, np.nan, dtype=np.float32)
-        local = projection.directions().reshape(-1, 3)
-        lengths = np.linalg.norm(local, axis=1)
-        rays = (local / lengths[:, None]) @ T_world_sensor[:3, :3].T
+        local, lengths = _unit_rays(projection)
+        rays = local @ T_world_sensor[:3, :3].T
         origins = np.broadcast_to(T_world_sensor[:3, 3], rays.shape)
         hits = self._scene.run(
             np.ascontiguousarray(origins, dtype=np.float32), rays.astype(np.float32), query="DISTANCE"
@@ -47,6 +48,13 @@ class RayScene:
         if isinstance(projection, Pinhole):
             ranges = ranges / lengths
         return ranges.astype(np.float32).reshape(shape)
+
+
+@lru_cache(maxsize=8)
+def _unit_rays(projection: Projection) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    directions = projection.directions().reshape(-1, 3)
+    lengths = np.linalg.norm(directions, axis=1)
+    return directions / lengths[:, None], lengths
 
 
 def nearest_surface(*ranges_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
