@@ -20,7 +20,8 @@ class ComplexityRecognizer:
     def __init__(self, encoder: Encoder, *, relaxed: bool = False) -> None:
         self.encoder = encoder
         self._relaxed = relaxed
-        self._sectors = encoder.shift_sectors()
+        polar = encoder.settings.streams[0].view == "polar"
+        self._sectors = encoder.shift_sectors() if polar else None
         self._index = encoder.make_index()
 
     def fit(self, images: Sequence[RangeImage]) -> ComplexityRecognizer:
@@ -40,7 +41,10 @@ class ComplexityRecognizer:
     def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
         """Exact k nearest places, smallest normalised information distance first."""
         found = self._index.query(description.signatures, k=k, limit=limit, relaxed=self._relaxed)
-        return [PlaceMatch(int(place), float(d), float(self._sectors[shift])) for place, d, shift in found]
+        return [
+            PlaceMatch(int(place), float(d), None if self._sectors is None else float(self._sectors[shift]))
+            for place, d, shift in found
+        ]
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Normalised information distance of two encodings."""

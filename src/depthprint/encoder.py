@@ -151,17 +151,22 @@ class Encoder:
 
     def shifts(self) -> list[FloatArray] | None:
         """Position offsets that the shift search tries, (n_shifts, position_dims) for each stream, or None."""
-        sectors = self.shift_sectors()
-        if len(sectors) == 1:
+        offsets = self.shift_offsets()
+        if len(offsets) == 1:
             return None
-        n = self.settings.polar.sectors
-        return [
-            np.asarray(sectors, dtype=np.float64)[:, None] * s.position_weight / n
-            for s in self.settings.streams
-        ]
+        return [offsets * stream.position_weight for stream in self.settings.streams]
+
+    def shift_offsets(self) -> FloatArray:
+        """The shifts as shares of the view's extent, (n_shifts, 1) sideways or (n_shifts, 2) both ways, least first."""
+        settings = self.settings
+        if any(stream.view == "polar" for stream in settings.streams):
+            return np.asarray(self.shift_sectors(), dtype=np.float64)[:, None] / settings.polar.sectors
+        x, y = (np.arange(-steps, steps + 1) for steps in settings.view_shift_steps)
+        grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        return grid[np.argsort(np.abs(grid).sum(1), kind="stable")] * settings.view_shift
 
     def shift_sectors(self) -> list[int]:
-        """The shifts in sectors, in the order of ``shifts``."""
+        """The shifts of a bird's-eye view in sectors, least first; only 0 where there is none."""
         polar = self.settings.polar
         if polar.full_circle and any(s.view == "polar" for s in self.settings.streams):
             step = max(1, self.settings.streams[0].stride)

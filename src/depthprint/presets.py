@@ -42,7 +42,11 @@ def _handheld() -> EncoderSettings:
         "position_weight": 3.0, "depth_weight": 3.0, "form": "steinhaus",
     }  # fmt: skip
     return EncoderSettings.parse(
-        {"name": "handheld", "streams": ({"view": "normals", **common}, {"view": "depth", **common})}
+        {
+            "name": "handheld",
+            "streams": ({"view": "normals", **common}, {"view": "depth", "weight": 0.5, **common}),
+            "view_shift_steps": (1, 1),
+        }
     )
 
 
@@ -83,9 +87,9 @@ def _lidar() -> EncoderSettings:
 def _laser() -> EncoderSettings:
     stream = {
         "view": "polar", "channels": ("count", "line-cos", "line-sin"), "patch_shape": (0, 4), "stride": 1,
-        "n_nonzero": 5, "clusters": "patches", "point_dims": 20, "mass": "unit", "position_weight": 3.0,
+        "n_nonzero": 20, "clusters": "patches", "point_dims": 100, "mass": "unit", "position_weight": 1.0,
     }  # fmt: skip
-    return EncoderSettings.parse({"name": "laser", "streams": (stream,), "max_shift": 3})
+    return EncoderSettings.parse({"name": "laser", "streams": (stream,), "max_shift": 6})
 
 
 PRESETS = {

@@ -97,6 +97,8 @@ class EncoderSettings(_Frozen):
 
     max_shift: sectors by which a polar view is shifted to either side in search of the least distance; with
         ``polar.full_circle`` every sector is tried.
+    view_shift, view_shift_steps: a view in perspective is shifted by this share of its width and height, so many
+        times (x, y) to either side, in search of the least distance.
     mirror: object views are also compared mirrored, and the smaller distance counts.
     """
 
@@ -104,6 +106,8 @@ class EncoderSettings(_Frozen):
     streams: tuple[StreamSettings, ...]
     polar: PolarSettings = PolarSettings()
     max_shift: int = 0
+    view_shift: float = 1 / 12
+    view_shift_steps: tuple[int, int] = (0, 0)
     mirror: bool = False
     seed: int = 0
 

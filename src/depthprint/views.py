@@ -63,7 +63,8 @@ def _surface_view(image: RangeImage, stream: StreamSettings, mirror: bool) -> Vi
     z = _smooth(z, support, stream.smoothing)
     if mirror:
         z, support, pixel = z[:, ::-1], support[:, ::-1], pixel[:, ::-1]
-    scale = _depth_scale(z, support, image.mask is not None, pixel)
+    # Metres for a scene: moving towards it then only adds a constant. An object has a size of its own.
+    scale = 1.0 if image.mask is None else float(np.median(pixel[support])) * max(z.shape)
     relative = np.where(support, (np.median(z[support]) - z) / scale, 0.0)
     if stream.view == "depth":
         channels = relative[None]
@@ -74,18 +75,6 @@ def _surface_view(image: RangeImage, stream: StreamSettings, mirror: bool) -> Vi
         channels = np.where(support, channels, 0.0)
     channels, relative, support = _halve(channels), _halve(relative[None])[0], _halve_mask(support)
     return View(channels.astype(np.float32), support, relative.astype(np.float32))
-
-
-def _depth_scale(
-    z: npt.NDArray[np.float64],
-    support: npt.NDArray[np.bool_],
-    is_object: bool,
-    pixel: npt.NDArray[np.float64],
-) -> float:
-    """Extent of an object, or the median depth of a scene, in metres."""
-    if is_object:
-        return float(np.median(pixel[support])) * max(z.shape)
-    return float(np.median(z[support]))
 
 
 def _frame_scene(
