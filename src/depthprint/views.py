@@ -47,6 +47,8 @@ def make_view(
         return View(np.ascontiguousarray(channels), np.ones(channels.shape[1:], dtype=bool))
     if stream.view == "raw-depth":
         depth = fill_holes(resample(image, stream.size, stream.size).ranges_m)
+        # A planar scan is one row: repeated, it is an image that whole-image atoms can code.
+        depth = np.broadcast_to(depth, (stream.size, stream.size))
         if mirror:
             depth = depth[:, ::-1]
         channels = np.ascontiguousarray(depth[None], dtype=np.float32)

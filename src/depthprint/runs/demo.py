@@ -12,6 +12,7 @@ __all__ = ["run_demo"]
 
 # The shipped models learned from towns of other seeds.
 _TOWN = 2015
+_LENGTH_M = 800.0
 
 
 def run_demo(out: Path, *, seed: int = 0, stages: Stages = silent) -> RunSummary:
@@ -19,5 +20,5 @@ def run_demo(out: Path, *, seed: int = 0, stages: Stages = silent) -> RunSummary
 
     ``seed`` moves the drive to another town.
     """
-    source = DataSource(dataset="simulated_street", seed=_TOWN + seed)
+    source = DataSource(dataset="simulated_street", seed=_TOWN + seed, length_m=_LENGTH_M)
     return run_loops(source, out, seed=seed, stages=stages)

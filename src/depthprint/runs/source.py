@@ -22,8 +22,8 @@ class DataSource:
 
     dataset: registry name, '-' and '_' alike; guessed from the path when None. sequence: of a data set with several.
     every: take every k-th frame. poses_file: path to drive along when simulated, else the poses of a plain folder.
-    sensor: 'stereo', 'kinect' or 'lidar' when simulated; 'stereo' or 'lidar' of KITTI. seed, cars_redrawn: of the
-    simulated street.
+    sensor: 'stereo', 'kinect' or 'lidar' when simulated; 'stereo' or 'lidar' of KITTI. seed, cars_redrawn,
+    length_m (metres of the built-in route): of the simulated street.
     """
 
     path: Path | None = None
@@ -34,6 +34,7 @@ class DataSource:
     poses_file: Path | None = None
     cars_redrawn: float = 0.2
     sensor: str | None = None
+    length_m: float | None = None
 
     @property
     def dataset_name(self) -> str | None:
@@ -83,6 +84,7 @@ class DataSource:
             sensor=self.sensor or "stereo",
             seed=self.seed,
             cars_redrawn=self.cars_redrawn,
+            length_m=self.length_m,
             progress=progress,
         )
 
@@ -100,6 +102,7 @@ class DataSource:
             values |= {
                 "seed": self.seed,
                 "cars_redrawn": self.cars_redrawn,
+                "length_m": self.length_m,
                 "sensor": self.sensor or "stereo",
             }
         return values
