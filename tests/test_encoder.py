@@ -113,3 +113,25 @@ def test_unknown_settings_are_refused_by_name():
 def test_unknown_preset_lists_the_known_ones():
     with pytest.raises(SettingsError, match="handheld"):
         preset_settings("submarine")
+
+
+def test_a_handheld_model_forgives_a_small_shift_of_the_view():
+    encoder, images = fitted("handheld")
+    still = Encoder(encoder.settings.model_copy(update={"view_shift_steps": (0, 0)}), encoder.streams)
+    moved = boxes(5, shift=10)
+
+    def distance(model: Encoder) -> float:
+        index = model.make_index()
+        index.add(encoder.describe(images[5]).signatures)
+        return float(index.distances(encoder.describe(moved).signatures)[0])
+
+    assert distance(encoder) < distance(still)
+    assert len(encoder.shift_offsets()) == 9
+    assert not encoder.shift_offsets()[0].any()
+
+
+def test_whole_image_atoms_code_a_planar_scan_as_a_repeated_row():
+    encoder, _ = fitted("literal")
+    view, _, model = encoder.codes(scan(3))
+    assert (view.channels == view.channels[:, :1]).all()
+    assert len(model.row(0)[0]) > 0
