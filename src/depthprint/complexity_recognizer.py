@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from depthprint.encoder import Encoder, Encoding
+from depthprint.encoder import Encoder
+from depthprint.encoding import Encoding
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 

@@ -2,59 +2,38 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.clusters import Clusters, make_clusters
-from depthprint.dictionary import Dictionary
+from depthprint.encoding import (
+    Encoding,
+    StreamModel,
+    cluster_vectors,
+    code_patches,
+    encode_clusters,
+    ground_distance,
+    make_signature,
+    model_fingerprint,
+)
 from depthprint.errors import DataError, ModelError
 from depthprint.patches import Patches, extract_patches
 from depthprint.presets import preset_settings
 from depthprint.range_image import RangeImage
-from depthprint.settings import EncoderSettings, StreamSettings
-from depthprint.signature import GroundDistance, Signature
-from depthprint.sparse_coding import SparseModel, sparse_code
+from depthprint.settings import EncoderSettings
+from depthprint.sparse_coding import SparseModel
 from depthprint.views import View, make_view
 
 if TYPE_CHECKING:
     from depthprint.signature_index import SignatureIndex
 
-__all__ = ["Encoder", "Encoding", "StreamModel"]
+__all__ = ["Encoder"]
 
 Progress = Callable[[int, int], None]
 FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StreamModel:
-    """What one stream learned: its dictionary and the principal directions of its clusters.
-
-    basis: (a, point_dims) float64, orthonormal columns; appearance @ basis gives ground coordinates.
-    """
-
-    dictionary: Dictionary
-    basis: FloatArray
-
-
-@dataclass(frozen=True)
-class Encoding:
-    """One image, encoded.
-
-    signatures: one a stream. vectors: one a stream, (m, a) float32, the unnormalised cluster appearances on the whole
-    grid (the pooled codes that a plain vector distance compares). mirrored: the encoding of the mirrored view, where
-    the preset asks for it.
-    """
-
-    signatures: tuple[Signature, ...]
-    vectors: tuple[npt.NDArray[np.float32], ...]
-    mirrored: Encoding | None = None
 
 
 class Encoder:
@@ -83,11 +62,7 @@ class Encoder:
     def fingerprint(self) -> str:
         """Short hash of settings and everything learned: equal fingerprints make comparable signatures."""
         if not self._fingerprint:
-            digest = hashlib.sha256(self.settings.model_dump_json().encode())
-            for stream in self.streams:
-                digest.update(stream.dictionary.fingerprint.encode())
-                digest.update(np.ascontiguousarray(stream.basis).tobytes())
-            self._fingerprint = digest.hexdigest()[:16]
+            self._fingerprint = model_fingerprint(self.settings, self.streams)
         return self._fingerprint
 
     def fit(self, images: Sequence[RangeImage], progress: Progress | None = None) -> Encoder:
@@ -137,7 +112,7 @@ class Encoder:
         patches = extract_patches(
             view, settings, self.settings.polar.full_circle and settings.view == "polar"
         )
-        return view, patches, _code(patches, model.dictionary, settings)
+        return view, patches, code_patches(patches, model.dictionary, settings)
 
     def make_index(self) -> SignatureIndex:
         """Make an empty index under this encoder's distance."""
@@ -175,17 +150,17 @@ class Encoder:
 
     def save(self, path: Path | str) -> Path:
         """Write the model to one file, without pickle; the file appears whole or not at all."""
-        from depthprint.encoder_file import save_encoder
+        from depthprint.encoder_file import save_model
 
         self._require_fitted()
-        return save_encoder(self, Path(path))
+        return save_model(self.settings, self.streams, Path(path))
 
     @classmethod
     def load(cls, path: Path | str) -> Encoder:
         """Read a model; a damaged file, or one of another version, raises ModelError naming it."""
-        from depthprint.encoder_file import load_encoder
+        from depthprint.encoder_file import load_model
 
-        return load_encoder(Path(path))
+        return cls(*load_model(Path(path)))
 
     def _require_fitted(self) -> None:
         if not self.fitted:
@@ -196,66 +171,5 @@ class Encoder:
         for settings, model in zip(self.settings.streams, self.streams, strict=True):
             clusters = encode_clusters(image, settings, self.settings, model.dictionary, mirror)
             signatures.append(make_signature(clusters, settings, model.basis, self.fingerprint))
-            vectors.append(_vectors(clusters, settings, model.basis))
+            vectors.append(cluster_vectors(clusters, settings, model.basis))
         return Encoding(tuple(signatures), tuple(vectors))
-
-    def describe_settings(self) -> str:
-        """Settings as JSON text."""
-        return json.dumps(self.settings.model_dump(mode="json"), indent=2)
-
-
-def encode_clusters(
-    image: RangeImage,
-    stream: StreamSettings,
-    settings: EncoderSettings,
-    dictionary: Dictionary,
-    mirror: bool = False,
-) -> Clusters:
-    """Range image -> view -> patches -> sparse model -> clusters."""
-    view = make_view(image, stream, settings, mirror)
-    patches = extract_patches(view, stream, settings.polar.full_circle and stream.view == "polar")
-    model = _code(patches, dictionary, stream)
-    return make_clusters(model, patches, dictionary.atoms, stream)
-
-
-def make_signature(
-    clusters: Clusters, stream: StreamSettings, basis: FloatArray, fingerprint: str
-) -> Signature:
-    """Project cluster appearances to the ground space; empty clusters are left out."""
-    mass = np.linalg.norm(clusters.appearance, axis=1)
-    kept = mass > 1e-9
-    mass = mass[kept]
-    direction = clusters.appearance[kept] @ basis
-    norm = np.linalg.norm(direction, axis=1, keepdims=True)
-    direction = np.divide(direction, norm, out=np.zeros_like(direction), where=norm > 1e-12)
-    columns = [direction]
-    if stream.depth_weight > 0:
-        columns.append(stream.depth_weight * clusters.depth[kept, None])
-    if stream.position_weight > 0:
-        columns.append(stream.position_weight * clusters.positions[kept])
-    weights = np.ones_like(mass) if stream.mass == "unit" else mass
-    return Signature(weights, np.concatenate(columns, axis=1), fingerprint)
-
-
-def _vectors(clusters: Clusters, stream: StreamSettings, basis: FloatArray) -> npt.NDArray[np.float32]:
-    """Cluster appearances with the weights that the signature gives them."""
-    rows = clusters.appearance if stream.clusters == "cells" else clusters.appearance @ basis
-    if stream.mass == "unit":
-        norms = np.linalg.norm(rows, axis=1, keepdims=True)
-        rows = np.divide(rows, norms, out=np.zeros_like(rows), where=norms > 1e-9)
-    return rows.astype(np.float32)
-
-
-def ground_distance(stream: StreamSettings, settings: EncoderSettings) -> GroundDistance:
-    """The stream's ground distance over its points' coordinates."""
-    dims = 0
-    if stream.position_weight > 0:
-        dims = 1 if stream.view == "polar" and stream.patch_shape[0] == 0 else 2
-    wraps = settings.polar.full_circle and stream.view == "polar" and dims > 0
-    return GroundDistance(
-        cap=stream.cap, position_dims=dims, period=stream.position_weight if wraps else None
-    )
-
-
-def _code(patches: Patches, dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
-    return sparse_code(patches.vectors, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.dictionary import Dictionary
+from depthprint.encoding import StreamModel, model_fingerprint
 from depthprint.errors import DepthprintError, ModelError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
 from depthprint.settings import EncoderSettings
 
-if TYPE_CHECKING:
-    from depthprint.encoder import Encoder
-
 __all__ = [
+    "FORMAT",
     "FORMAT_VERSION",
-    "load_encoder",
+    "load_model",
     "pack_atoms",
-    "save_encoder",
+    "save_model",
     "shipped_model_path",
     "unpack_atoms",
 ]
@@ -39,32 +39,30 @@ def shipped_model_path(preset: str) -> Path:
     return path
 
 
-def save_encoder(encoder: Encoder, path: Path) -> Path:
-    """Write a fitted encoder; .npz is added to a path without suffix."""
+def save_model(settings: EncoderSettings, streams: Sequence[StreamModel], path: Path) -> Path:
+    """Write settings and what was learned; .npz is added to a path without it."""
     if path.suffix != ".npz":
         path = path.with_name(path.name + ".npz")
     header = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
-        "settings": encoder.settings.model_dump(mode="json"),
-        "fingerprint": encoder.fingerprint,
+        "settings": settings.model_dump(mode="json"),
+        "fingerprint": model_fingerprint(settings, streams),
         "dictionaries": [
             {"kind": s.dictionary.kind, "settings": dict(s.dictionary.settings), "seed": s.dictionary.seed}
-            for s in encoder.streams
+            for s in streams
         ],
     }
     arrays: dict[str, npt.NDArray[Any]] = {}
-    for number, stream in enumerate(encoder.streams):
+    for number, stream in enumerate(streams):
         arrays[f"atoms_{number}"] = pack_atoms(stream.dictionary.atoms)
         arrays[f"basis_{number}"] = stream.basis.astype(np.float32)
     write_archive(path, header, arrays)
     return path
 
 
-def load_encoder(path: Path) -> Encoder:
-    """Read what ``save_encoder`` wrote; anything else raises ModelError naming the file and what is wrong."""
-    from depthprint.encoder import Encoder, StreamModel
-
+def load_model(path: Path) -> tuple[EncoderSettings, tuple[StreamModel, ...]]:
+    """Read what ``save_model`` wrote; anything else raises ModelError naming the file and what is wrong."""
     header, arrays = read_archive(path, "depthprint model", FORMAT, FORMAT_VERSION)
     try:
         settings = EncoderSettings.parse(header["settings"])
@@ -77,15 +75,15 @@ def load_encoder(path: Path) -> Encoder:
             )
             for number, made in enumerate(header["dictionaries"])
         )
-        encoder = Encoder(settings, streams)
         expected = header["fingerprint"]
     except (*DAMAGED, DepthprintError) as error:
         raise ModelError(f"{path}: expected a whole model file, got {error}") from error
-    if not encoder.fitted or encoder.fingerprint != expected:
+    found = model_fingerprint(settings, streams)
+    if len(streams) != len(settings.streams) or found != expected:
         raise ModelError(
-            f"{path}: expected a model of fingerprint {expected}, got {encoder.fingerprint}; the file was altered"
+            f"{path}: expected a model of fingerprint {expected}, got {found}; the file was altered"
         )
-    return encoder
+    return settings, streams
 
 
 def pack_atoms(atoms: FloatArray) -> npt.NDArray[np.int8]:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from depthprint.clusters import make_clusters
 from depthprint.dictionary import Dictionary
 from depthprint.dictionary_learning import learn_dictionary, random_patches_dictionary
-from depthprint.encoder import StreamModel, _code
 from depthprint.encoder_file import pack_atoms, unpack_atoms
+from depthprint.encoding import StreamModel, code_patches
 from depthprint.errors import DataError
 from depthprint.parametric_dictionary import parametric_dictionary
 from depthprint.patches import Patches, extract_patches
@@ -121,7 +121,7 @@ def _cluster_directions(
     rows: list[FloatArray] = []
     count = 0
     for number in rng.permutation(len(patches)):
-        model = _code(patches[number], dictionary, stream)
+        model = code_patches(patches[number], dictionary, stream)
         clusters = make_clusters(model, patches[number], dictionary.atoms, stream)
         rows.append(clusters.appearance)
         count += len(clusters.appearance)

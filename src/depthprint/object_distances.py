@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.compression import CompressionRecognizer
-from depthprint.encoder import Encoder, Encoding
+from depthprint.encoder import Encoder
+from depthprint.encoding import Encoding
 from depthprint.range_image import RangeImage
 from depthprint.signature import Signature, SignatureBatch
 
@@ -52,7 +53,7 @@ def _stream_sum(
     others: Sequence[Sequence[Signature]] | None,
 ) -> FloatArray:
     from depthprint.emd import difference_matrix
-    from depthprint.encoder import ground_distance
+    from depthprint.encoding import ground_distance
 
     shifts = encoder.shifts()
     total: FloatArray | float = 0.0

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.vector_store import VectorStore, nearest_matches
-from depthprint.encoder import Encoder, Encoding
+from depthprint.encoder import Encoder
+from depthprint.encoding import Encoding
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 

@@ -7,8 +7,9 @@ from depthprint.runs.demo import run_demo
 from depthprint.runs.encode import EncodedSequence, run_encode
 from depthprint.runs.evaluate import run_evaluate_loops, run_evaluate_objects
 from depthprint.runs.explain import ExplainedStream, Explanation, run_explain
+from depthprint.runs.found_loops import FoundLoops
 from depthprint.runs.info import describe_file, describe_installation
-from depthprint.runs.loops import FoundLoops, run_loops
+from depthprint.runs.loops import run_loops
 from depthprint.runs.simulate import SimulatedRecording, run_simulate
 from depthprint.runs.source import DataSource
 from depthprint.runs.stages import ProgressCallback, RunSummary, Stages, silent

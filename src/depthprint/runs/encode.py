@@ -15,7 +15,7 @@ from depthprint.runs.stages import Stages, silent
 from depthprint.signature import SignatureBatch
 
 if TYPE_CHECKING:
-    from depthprint.encoder import Encoding
+    from depthprint.encoding import Encoding
 
 __all__ = ["SIGNATURES_FORMAT", "EncodedSequence", "run_encode"]
 

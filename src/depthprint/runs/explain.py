@@ -42,7 +42,7 @@ def run_explain(
     """
     from depthprint.complexity import emd_complexity
     from depthprint.emd import emd
-    from depthprint.encoder import ground_distance
+    from depthprint.encoding import ground_distance
     from depthprint.ncd import FORMS
     from depthprint.runs.loop_figures import draw_pair_flow
 

@@ -11,11 +11,12 @@ import numpy.typing as npt
 from depthprint.datasets.base import RangeSequence
 
 if TYPE_CHECKING:
-    from depthprint.encoder import Encoder, Encoding
+    from depthprint.encoder import Encoder
+    from depthprint.encoding import Encoding
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
     from depthprint.range_image import RangeImage
     from depthprint.run_folder import RunFolder
-    from depthprint.runs.loops import FoundLoops, SampledDistances
+    from depthprint.runs.found_loops import FoundLoops, SampledDistances
     from depthprint.settings import StreamSettings
     from depthprint.signature import Signature
     from depthprint.visualization.flow import PlacedClusters
@@ -114,7 +115,7 @@ def draw_pair_flow(
 ) -> Path:
     """Draw what flows between two images in the first stream, at the shift at which they are nearest."""
     from depthprint.emd import emd
-    from depthprint.encoder import ground_distance
+    from depthprint.encoding import ground_distance
     from depthprint.visualization.flow import draw_flow
 
     stream = encoder.settings.streams[0]
@@ -143,7 +144,7 @@ def draw_pair_flow(
 
 
 def _placed(encoder: Encoder, image: RangeImage, signature: Signature, title: str) -> PlacedClusters:
-    from depthprint.encoder import ground_distance
+    from depthprint.encoding import ground_distance
     from depthprint.visualization.flow import PlacedClusters
 
     stream = encoder.settings.streams[0]

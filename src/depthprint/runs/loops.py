@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from depthprint.datasets.base import RangeSequence
 from depthprint.errors import DataError, SettingsError
+from depthprint.runs.found_loops import FoundLoops, SampledDistances
 from depthprint.runs.models import require_model
 from depthprint.runs.source import DataSource, spread
 from depthprint.runs.stages import RunSummary, Stages, silent
@@ -23,37 +23,11 @@ if TYPE_CHECKING:
     from depthprint.evaluation.ground_truth import TruthMatrix
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
 
-__all__ = ["FoundLoops", "SampledDistances", "run_loops", "sample_distances", "truth_with_gap"]
+__all__ = ["run_loops", "sample_distances", "truth_with_gap"]
 
 METHOD = "emd"
 # Frames whose distances are all taken, for the threshold and the figure: every pair costs EMDs.
 _SAMPLED_FRAMES = 200
-
-
-@dataclass(frozen=True)
-class SampledDistances:
-    """Distances (n, n) float64 between some frames, whose numbers are ``frames`` (n,) int64."""
-
-    frames: npt.NDArray[np.int64]
-    distances: npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class FoundLoops:
-    """Loops of one drive: every query's best match, the threshold, and whether it was given or set from the drive."""
-
-    records: tuple[LoopRecord, ...]
-    threshold: float | None
-    threshold_from: str
-
-    def accepted(self, record: LoopRecord) -> bool:
-        """Whether a query's match counts as a loop."""
-        return self.threshold is not None and record.match >= 0 and record.distance <= self.threshold
-
-    @property
-    def loops(self) -> tuple[LoopRecord, ...]:
-        """The matches that count, in time order."""
-        return tuple(record for record in self.records if self.accepted(record))
 
 
 def run_loops(
