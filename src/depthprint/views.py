@@ -109,7 +109,8 @@ def _frame_object(
     inside = np.asarray(image.mask)[top:bottom, left:right]
     longest = size - 4
     step = max(z.shape) / longest
-    height, width = (max(1, round(extent / step)) for extent in z.shape)
+    # Even, so that the frame of the mirrored object is the mirrored frame.
+    height, width = (2 * max(1, round(extent / step / 2)) for extent in z.shape)
     rows_at = np.minimum(((np.arange(height) + 0.5) * z.shape[0] / height).astype(int), z.shape[0] - 1)
     columns_at = np.minimum(((np.arange(width) + 0.5) * z.shape[1] / width).astype(int), z.shape[1] - 1)
     filled = fill_holes(z.astype(np.float32)).astype(np.float64)

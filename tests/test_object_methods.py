@@ -1,0 +1,67 @@
+"""One contract for every method that names objects, on simulated objects."""
+
+import numpy as np
+import pytest
+
+from depthprint.encoder import Encoder
+from depthprint.errors import ModelError, SettingsError
+from depthprint.object_distances import complexity_distances, cosine_distances
+from depthprint.object_methods import OBJECT_METHODS, make_object_method
+from depthprint.place_methods import load_shipped_encoder
+from depthprint.simulation.objects import simulated_objects
+
+QUICK = [name for name in OBJECT_METHODS if name != "ncd-zstd"]
+
+
+@pytest.fixture(scope="module")
+def crops():
+    objects = simulated_objects(n_categories=4, n_instances=3, frames=1, seed=5)
+    return [objects.read(view) for view in objects.views], np.array([view.category for view in objects.views])
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_categories_are_named_better_than_by_chance(name, crops):
+    images, categories = crops
+    labels = np.unique(categories, return_inverse=True)[1].astype(np.int64)
+    method = make_object_method(name)
+    method.prepare(images)
+    numbers = np.arange(len(images))
+    test = numbers[::3]
+    train = np.setdiff1d(numbers, test)
+    predicted = method.predict(train, labels[train], test)
+    assert predicted.shape == test.shape
+    assert np.mean(predicted == labels[test]) > 0.25
+    assert method.us_per_pair > 0
+
+
+def test_distances_of_mirrored_presets_are_symmetric_and_zero_on_themselves(crops):
+    encoder = load_shipped_encoder("object")
+    encodings = encoder.describe_many(crops[0][:8])
+    for matrix in (complexity_distances(encoder, encodings), cosine_distances(encoder, encodings)):
+        assert np.allclose(matrix, matrix.T, atol=1e-6)
+        assert np.allclose(np.diag(matrix), 0, atol=1e-6)
+        assert (matrix[~np.eye(8, dtype=bool)] > 0).all()
+
+
+def test_distances_to_others_are_rows_of_the_full_matrix(crops):
+    encoder = load_shipped_encoder("object")
+    encodings = encoder.describe_many(crops[0][:6])
+    full = complexity_distances(encoder, encodings)
+    assert np.allclose(complexity_distances(encoder, encodings[:2], encodings), full[:2], atol=1e-9)
+
+
+def test_a_mirrored_object_is_as_near_as_the_object_itself(crops):
+    encoder = load_shipped_encoder("object")
+    image = crops[0][0]
+    mirrored = image.replace(ranges_m=image.ranges_m[:, ::-1], mask=image.mask[:, ::-1])
+    with_mirror = complexity_distances(encoder, encoder.describe_many([image]), encoder.describe_many([mirrored]))
+    plain = Encoder(encoder.settings.model_copy(update={"mirror": False}), encoder.streams)
+    without = complexity_distances(plain, plain.describe_many([image]), plain.describe_many([mirrored]))
+    assert with_mirror[0, 0] < 0.5 * without[0, 0]
+
+
+def test_unknown_and_unfitted_are_refused():
+    with pytest.raises(SettingsError, match="emd-literal"):
+        make_object_method("magic")
+    with pytest.raises(ModelError, match="not fitted"):
+        make_object_method("emd", model=Encoder.from_preset("object"))
