@@ -54,7 +54,9 @@ def test_a_mirrored_object_is_as_near_as_the_object_itself(crops):
     encoder = load_shipped_encoder("object")
     image = crops[0][0]
     mirrored = image.replace(ranges_m=image.ranges_m[:, ::-1], mask=image.mask[:, ::-1])
-    with_mirror = complexity_distances(encoder, encoder.describe_many([image]), encoder.describe_many([mirrored]))
+    with_mirror = complexity_distances(
+        encoder, encoder.describe_many([image]), encoder.describe_many([mirrored])
+    )
     plain = Encoder(encoder.settings.model_copy(update={"mirror": False}), encoder.streams)
     without = complexity_distances(plain, plain.describe_many([image]), plain.describe_many([mirrored]))
     assert with_mirror[0, 0] < 0.5 * without[0, 0]

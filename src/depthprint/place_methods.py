@@ -74,6 +74,12 @@ def _pixel_l2(context: PlaceMethodContext) -> PlaceRecognizer:
     return PixelL2Recognizer()
 
 
+def _pixel_l2_centred(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.pixel_l2 import PixelL2Recognizer
+
+    return PixelL2Recognizer(centred=True)
+
+
 def _scan_context_like(context: PlaceMethodContext) -> PlaceRecognizer:
     from depthprint.baselines.scan_context_like import ScanContextLikeRecognizer
 
@@ -102,6 +108,7 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "emd-relaxed": _emd_relaxed,
     "cosine": _cosine,
     "pixel-l2": _pixel_l2,
+    "pixel-l2-centred": _pixel_l2_centred,
     "scan-context-like": _scan_context_like,
     "scan-context-like-channels": _scan_context_like_channels,
     "ncd-gzip": _compression("gzip"),

@@ -14,6 +14,8 @@ from depthprint.resampling import fill_holes, resample
 
 __all__ = ["PixelL2Recognizer", "pixel_vector"]
 
+_SPARE = 16
+
 
 def pixel_vector(image: RangeImage, size: int = 96, smoothing: float = 2.0) -> npt.NDArray[np.float32]:
     """Depth in metres at size x size (one row for a planar scan), holes filled, smoothed, as a vector."""
@@ -27,11 +29,16 @@ def pixel_vector(image: RangeImage, size: int = 96, smoothing: float = 2.0) -> n
 
 
 class PixelL2Recognizer:
-    """Euclidean distance between smoothed depth images; nothing is learned."""
+    """Euclidean distance between smoothed depth images; nothing is learned.
 
-    def __init__(self, size: int = 96) -> None:
+    ``centred`` takes each image's mean depth away first, so that a step towards the scene costs little.
+    """
+
+    def __init__(self, size: int = 96, *, centred: bool = False) -> None:
         self._size = size
+        self._centred = centred
         self._store = VectorStore()
+        self._squares: list[float] = []
 
     def fit(self, images: Sequence[RangeImage]) -> PixelL2Recognizer:
         """Nothing to learn."""
@@ -39,10 +46,12 @@ class PixelL2Recognizer:
 
     def describe(self, image: RangeImage) -> npt.NDArray[np.float32]:
         """Smoothed depth as a vector."""
-        return pixel_vector(image, self._size)
+        vector = pixel_vector(image, self._size)
+        return vector - vector.mean() if self._centred else vector
 
     def add(self, description: npt.NDArray[np.float32]) -> int:
         """Store a place."""
+        self._squares.append(float(description @ description))
         return self._store.add(description)
 
     def query(
@@ -52,8 +61,12 @@ class PixelL2Recognizer:
         rows = self._store.rows(limit)
         if not len(rows):
             return []
-        # Differences, not |a|^2 - 2ab + |b|^2, which loses a small distance in the rounding of float32.
-        return nearest_matches(np.array([self.distance(row, description) for row in rows]), k)
+        # |a|^2 - 2ab + |b|^2 loses small distances in the rounding of float32: it chooses, differences decide.
+        rough = np.asarray(self._squares[: len(rows)]) - 2.0 * (rows @ description)
+        chosen = np.sort(np.argsort(rough, kind="stable")[: k + _SPARE])
+        exact = np.array([self.distance(rows[place], description) for place in chosen])
+        best = nearest_matches(exact, k)
+        return [PlaceMatch(int(chosen[match.place]), match.distance) for match in best]
 
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Root mean square difference in metres."""
