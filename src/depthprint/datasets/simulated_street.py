@@ -63,7 +63,7 @@ def simulated_street(
         progress(2, 2)
     where = "built-in" if poses_file is None else Path(poses_file).stem
     return RangeSequence(
-        name=f"simulated_street/{where} ({sensor}, {cars_redrawn:.0%} of cars redrawn)",
+        name=f"simulated_street/{where} ({sensor}, seed {seed}, {cars_redrawn:.0%} redrawn)",
         read=lambda index: drive.measure(index * every),
         length=len(poses),
         preset=_PRESETS.get(sensor, "street"),
