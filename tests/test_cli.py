@@ -256,3 +256,12 @@ def test_info_describes_a_dictionary(tmp_path: Path) -> None:
     described = done("info", tmp_path / "dictionary.npz")
     assert dictionary.fingerprint in described
     assert "16 of 16 values" in described
+
+
+def test_the_explained_distance_is_the_weighted_mean_of_its_streams(recording: Path, tmp_path: Path) -> None:
+    from depthprint.runs import run_explain
+
+    explained = run_explain(recording / "000.png", recording / "005.png", tmp_path / "flow.png")
+    mean = sum(stream.weight * stream.distance for stream in explained.streams)
+    assert explained.distance == pytest.approx(mean, abs=1e-9)
+    assert sum(stream.weight for stream in explained.streams) == pytest.approx(1.0)

@@ -65,12 +65,11 @@ def run_explain(
             ExplainedStream(
                 name=f"{stream.view} {'+'.join(stream.channels)}".strip(),
                 distance=float(FORMS[stream.form](moved, *complexities)),
-                weight=stream.weight,
+                weight=encoder.settings.stream_weights[number],
                 emd=float(moved),
                 complexity_first=float(complexities[0]),
                 complexity_second=float(complexities[1]),
             )
         )
     figure = draw_pair_flow(encoder, images, (a, b), out, titles=(first.name, second.name))
-    total = sum(stream.weight for stream in streams)
-    return Explanation(float(distance) / total, tuple(streams), figure)
+    return Explanation(float(distance), tuple(streams), figure)

@@ -15,6 +15,7 @@ from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import SettingsError
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
+from depthprint.simulation.checks import require_whole
 from depthprint.simulation.meshes import Triangles, box, lathe, merge, moved
 
 __all__ = ["simulated_objects"]
@@ -48,10 +49,10 @@ def simulated_objects(
     are rendered as they are read, the same bits in any order; their ``path`` is a name, not a file.
     Raises SettingsError for counts out of range, and when a view of another set is read.
     """
-    _require_whole("n_categories", n_categories, 1)
-    _require_whole("n_instances", n_instances, 1)
-    _require_whole("frames", frames, 1)
-    _require_whole("seed", seed, 0)
+    require_whole("n_categories", n_categories, 1)
+    require_whole("n_instances", n_instances, 1)
+    require_whole("frames", frames, 1)
+    require_whole("seed", seed, 0)
     keys: dict[ObjectView, tuple[int, int]] = {}
     digits = max(2, len(str(n_categories)))
     for category in range(n_categories):
@@ -328,8 +329,3 @@ def _rod(start: tuple[float, float, float], end: tuple[float, float, float], rad
     aside /= np.linalg.norm(aside)
     frame = np.stack([aside, np.cross(axis, aside), axis])
     return np.asarray(_cylinder(radius, length) @ frame + np.array(start), dtype=np.float32)
-
-
-def _require_whole(name: str, value: object, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise SettingsError(f"{name}: expected a whole number >= {least}, got {value!r}")

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.datasets.base import LoopTruth, RangeSequence
-from depthprint.errors import SettingsError
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
+from depthprint.simulation.checks import require_whole
 from depthprint.simulation.meshes import Triangles, box, ellipsoid, lathe, merge, moved
 
 __all__ = ["simulated_rooms"]
@@ -37,9 +37,9 @@ def simulated_rooms(n_frames: int = 300, seed: int = 0, n_rooms: int = 2) -> Ran
     Poses are T_world_sensor of the camera (x right, y down, z forward) in a world whose z points up.
     Truth: view overlap, gap 50. Raises SettingsError for counts out of range.
     """
-    _require_whole("n_rooms", n_rooms, 1)
-    _require_whole("n_frames", n_frames, 2 * n_rooms)
-    _require_whole("seed", seed, 0)
+    require_whole("n_rooms", n_rooms, 1)
+    require_whole("n_frames", n_frames, 2 * n_rooms)
+    require_whole("seed", seed, 0)
     from depthprint.simulation.ray_casting import RayScene
     from depthprint.simulation.sensor_noise import kinect_noise
 
@@ -337,8 +337,3 @@ def _things(
         turn = 0.0 if kind == 1 else rng.uniform(-0.4, 0.4)
         things.append(moved(thing, x, d / 2 + rng.uniform(-0.3, 0.3) * max(0.0, d - 0.2), turn, z))
     return things
-
-
-def _require_whole(name: str, value: object, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise SettingsError(f"{name}: expected a whole number >= {least}, got {value!r}")
