@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import bz2
+import gc
 import lzma
 import sys
 import zlib
@@ -8,9 +9,16 @@ import zlib
 import numpy as np
 import pytest
 
-from depthprint.complexity import COMPRESSORS, compressed_length, conditional_complexity, emd_complexity
+from depthprint import _ppm_process
+from depthprint.complexity import (
+    COMPRESSORS,
+    CompressorPool,
+    compressed_length,
+    conditional_complexity,
+    emd_complexity,
+)
 from depthprint.emd import emd
-from depthprint.errors import DataError, MissingExtraError, SettingsError
+from depthprint.errors import DataError, DepthprintError, MissingExtraError, SettingsError
 from depthprint.signature import GroundDistance, Signature
 
 EMPTY = Signature(np.zeros(0), np.zeros((0, 3)))
@@ -93,3 +101,41 @@ def test_missing_zstandard_names_the_pip_line(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "zstandard", None)
     with pytest.raises(MissingExtraError, match=r"pip install depthprint\[zstd\]"):
         compressed_length(b"a", "zstd")
+
+
+@pytest.mark.parametrize("compressor", COMPRESSORS)
+def test_a_pool_gives_the_length_of_each_stream_in_order(compressor: str) -> None:
+    if compressor == "zstd":
+        pytest.importorskip("zstandard")
+    rng = np.random.default_rng(5)
+    streams = [
+        rng.integers(0, 9, size).astype(np.uint8).tobytes() for size in (0, 1, 300, 70_000, 5, 2048, 17)
+    ]
+    pool = CompressorPool(compressor, workers=2)
+    expected = [compressed_length(data, compressor) for data in streams]
+    assert pool.lengths(streams) == expected
+    assert pool.lengths([]) == []
+
+
+def test_a_ppm_process_is_replaced_after_its_share_of_streams(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_ppm_process, "_STREAMS_A_PROCESS", 3)
+    process = _ppm_process.PpmProcess()
+    streams = [bytes([k]) * 50 for k in range(8)]
+    first = process.lengths(streams[:1])
+    used = process._child
+    assert first + process.lengths(streams[1:]) == [_ppm_process.ppm_length(data) for data in streams]
+    assert used is not None
+    assert used.poll() == 0
+    assert process._child is not used
+
+
+def test_a_ppm_process_that_dies_is_an_error() -> None:
+    process = _ppm_process.PpmProcess()
+    process.lengths([b"a"])
+    assert process._child is not None
+    process._child.kill()
+    process._child.wait()
+    with pytest.raises(DepthprintError, match="ended early"):
+        process.lengths([b"a"])
+    del process
+    gc.collect()

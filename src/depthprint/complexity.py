@@ -5,18 +5,17 @@ from __future__ import annotations
 import bz2
 import lzma
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from depthprint._pairs import Masses, check_masses
+from depthprint._ppm_process import PpmProcess, ppm_length
 from depthprint.emd import emd
 from depthprint.errors import DataError, MissingExtraError, SettingsError
 from depthprint.signature import GroundDistance, Signature
 
-__all__ = ["COMPRESSORS", "compressed_length", "conditional_complexity", "emd_complexity"]
+__all__ = ["COMPRESSORS", "CompressorPool", "compressed_length", "conditional_complexity", "emd_complexity"]
 
-_PPM_ORDER = 6
-_PPM_MEMORY = 16 << 20
-_PPM_SMALL_DATA, _PPM_SMALL_MEMORY = 16 << 10, 1 << 20
 # "BZh9", then mark and checksum of the first block and of the stream's end
 _BZ2_FRAME = 4 + 10 + 10
 
@@ -49,15 +48,44 @@ def compressed_length(data: bytes, compressor: str = "gzip") -> int:
 
     `gzip` is raw deflate; `ppm` PPMd var. H of order 6; `lzma` raw LZMA1; `zstd` level 19 without magic
     number. bz2 has no raw form: the 24 bytes of its frame are subtracted (each further block of 900 kB still
-    counts 10 bytes). Raises SettingsError for an unknown name, DataError for anything but bytes,
+    counts 10 bytes). pyppmd keeps some 18 kB a call: for many streams use `CompressorPool`. Raises
+    SettingsError for an unknown name, DataError for anything but bytes,
     MissingExtraError without zstandard.
     """
-    if compressor not in COMPRESSORS:
-        raise SettingsError(f"compressor: expected one of {', '.join(COMPRESSORS)}, got {compressor!r}")
+    _check_compressor(compressor)
     if not isinstance(data, (bytes, bytearray, memoryview)):
         raise DataError(f"compressed_length: expected bytes, got {type(data).__name__}")
     raw = bytes(data)
     return COMPRESSORS[compressor](raw) if raw else 0
+
+
+class CompressorPool:
+    """Compressed lengths of many streams, over ``workers`` threads (for `ppm`: processes)."""
+
+    def __init__(self, compressor: str, workers: int = 2) -> None:
+        _check_compressor(compressor)
+        self._compressor = compressor
+        self._threads = ThreadPoolExecutor(workers)
+        self._workers = workers
+        self._processes = [PpmProcess() for _ in range(workers)] if compressor == "ppm" else []
+
+    def lengths(self, streams: Sequence[bytes]) -> list[int]:
+        """Length of each stream, in order, as `compressed_length` gives it."""
+        parts = [streams[k :: self._workers] for k in range(self._workers)]
+        lengths = [0] * len(streams)
+        for k, part in enumerate(self._threads.map(self._part, range(self._workers), parts)):
+            lengths[k :: self._workers] = part
+        return lengths
+
+    def _part(self, worker: int, streams: Sequence[bytes]) -> list[int]:
+        if self._processes:
+            return self._processes[worker].lengths(streams)
+        return [compressed_length(data, self._compressor) for data in streams]
+
+
+def _check_compressor(compressor: str) -> None:
+    if compressor not in COMPRESSORS:
+        raise SettingsError(f"compressor: expected one of {', '.join(COMPRESSORS)}, got {compressor!r}")
 
 
 def _deflate(data: bytes) -> int:
@@ -71,14 +99,6 @@ def _bz2(data: bytes) -> int:
     # Blocks are level x 100 kB; up to one block the level changes nothing but the memory touched.
     level = min(9, 1 + len(data) // 100_000)
     return len(bz2.compress(data, level)) - _BZ2_FRAME
-
-
-def _ppm(data: bytes) -> int:
-    import pyppmd
-
-    memory = _PPM_SMALL_MEMORY if len(data) <= _PPM_SMALL_DATA else _PPM_MEMORY
-    stream = pyppmd.Ppmd7Encoder(_PPM_ORDER, memory)
-    return len(stream.encode(data)) + len(stream.flush(endmark=False))
 
 
 def _lzma(data: bytes) -> int:
@@ -107,7 +127,7 @@ def _zstd(data: bytes) -> int:
 COMPRESSORS: dict[str, Callable[[bytes], int]] = {
     "gzip": _deflate,
     "bz2": _bz2,
-    "ppm": _ppm,
+    "ppm": ppm_length,
     "lzma": _lzma,
     "zstd": _zstd,
 }

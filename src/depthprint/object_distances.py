@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
@@ -109,18 +108,14 @@ def pixel_distances(images: Sequence[RangeImage], size: int = 48) -> FloatArray:
 
 
 def compression_distances(
-    images: Sequence[RangeImage], compressor: str, progress: Progress | None = None, threads: int = 2
+    images: Sequence[RangeImage], compressor: str, progress: Progress | None = None, workers: int = 2
 ) -> FloatArray:
     """Eq. 8 with a real compressor, for every pair (i < j, mirrored)."""
-    recognizer = CompressionRecognizer(compressor)
+    recognizer = CompressionRecognizer(compressor, workers=workers)
     places = [recognizer.describe(image) for image in images]
     matrix = np.zeros((len(places), len(places)))
-
-    def row(i: int) -> None:
-        matrix[i, i + 1 :] = [recognizer.distance(places[i], other) for other in places[i + 1 :]]
-
-    with ThreadPoolExecutor(threads) as pool:
-        for done, _ in enumerate(pool.map(row, range(len(places)))):
-            if progress is not None:
-                progress(done + 1, len(places))
+    for i, place in enumerate(places):
+        matrix[i, i + 1 :] = recognizer.distances(place, places[i + 1 :])
+        if progress is not None:
+            progress(i + 1, len(places))
     return np.maximum(matrix, matrix.T)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from depthprint.baselines.vector_store import nearest_matches
-from depthprint.complexity import compressed_length
+from depthprint.complexity import CompressorPool, compressed_length
 from depthprint.ncd import ncd
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
@@ -44,11 +44,11 @@ class CompressedImage:
 class CompressionRecognizer:
     """Eq. 8 with gzip, bz2, PPM, lzma or zstd as C; nothing is learned."""
 
-    def __init__(self, compressor: str, *, size: int = 32, threads: int = 2) -> None:
+    def __init__(self, compressor: str, *, size: int = 32, workers: int = 2) -> None:
         self._compressor = compressor
         self._size = size
         self._places: list[CompressedImage] = []
-        self._pool = ThreadPoolExecutor(threads)
+        self._pool = CompressorPool(compressor, workers)
 
     def fit(self, images: Sequence[RangeImage]) -> CompressionRecognizer:
         """Nothing to learn."""
@@ -67,10 +67,14 @@ class CompressionRecognizer:
     def query(self, description: CompressedImage, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
         """Nearest places by brute force."""
         places = self._places[: len(self._places) if limit is None else max(0, limit)]
-        distances = self._pool.map(lambda place: self.distance(description, place), places, chunksize=64)
-        return nearest_matches(np.fromiter(distances, dtype=np.float64, count=len(places)), k)
+        return nearest_matches(self.distances(description, places), k)
+
+    def distances(self, first: CompressedImage, others: Sequence[CompressedImage]) -> npt.NDArray[np.float64]:
+        """NCD of one byte string and each of others, the other after it."""
+        joint = self._pool.lengths([first.data + other.data for other in others])
+        alone = np.array([other.length for other in others], dtype=np.float64)
+        return np.asarray(ncd(first.length, alone, np.array(joint, dtype=np.float64)))
 
     def distance(self, first: CompressedImage, second: CompressedImage) -> float:
         """NCD of the two byte strings, the second after the first."""
-        joint = compressed_length(first.data + second.data, self._compressor)
-        return float(ncd(first.length, second.length, joint))
+        return float(self.distances(first, [second])[0])
