@@ -73,7 +73,7 @@ def emd(
     ground = GroundDistance() if ground is None else ground
     check_masses(masses)
     check_alike(p.fingerprint, p.points.shape[1], q.fingerprint, q.points.shape[1], ground)
-    from depthprint._kernels.bounds import ground_costs
+    from depthprint._kernels.ground import ground_costs
 
     offset = shift_table(None if shift is None else [shift], ground)[0]
     costs = np.empty((len(p), len(q)))
@@ -160,7 +160,7 @@ def difference_matrix(
     offsets = shift_table(shifts, ground)
     if below is not None and np.isnan(below):
         raise SettingsError("difference_matrix: below must be a number, got nan")
-    from depthprint._kernels.bounds import difference_tasks
+    from depthprint._kernels.pairs import difference_tasks
 
     left = side_arrays(a, masses, ground, right=False)
     right = side_arrays(other, masses, ground, right=True)
