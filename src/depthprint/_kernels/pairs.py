@@ -13,7 +13,7 @@ from depthprint._kernels.ground import PairRules, Side, ground_costs
 from depthprint._kernels.relaxation import normalise, relaxed_work
 from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_transport
 
-__all__ = ["difference_tasks", "pair_distances"]
+__all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -124,3 +124,34 @@ def pair_distances(
         status[t] = code
         solved[t] = 1 if was_solved else 0
     return distances, status, solved
+
+
+@njit(cache=True, nogil=True)
+def aligned_pairs(
+    left: Side, right: Side, shift: FloatArray, rules: PairRules
+) -> tuple[FloatArray, IntArray]:
+    """(distance, status) of left[i] to right[i], one after the other on the calling thread."""
+    count = len(left.counts)
+    distances, status = np.empty(count), np.zeros(count, np.int64)
+    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
+    ints, icost = make_scratch(k_p, k_q)
+    cost = np.empty((k_p, k_q))
+    minima = np.empty((2, max(k_p, k_q)))
+    for i in range(count):
+        distances[i], status[i], _ = _pair(left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima)
+    return distances, status
+
+
+@njit(cache=True, nogil=True)
+def solve_many(
+    weights_p: FloatArray, weights_q: FloatArray, costs: FloatArray, surplus_cost: float, balance: bool
+) -> tuple[FloatArray, IntArray]:
+    """(work, status) of problems with weights (n, m), (n, k) and costs (n, m, k), one after the other."""
+    count, m, k = costs.shape
+    works, status = np.empty(count), np.zeros(count, np.int64)
+    ints, icost = make_scratch(m, k)
+    for x in range(count):
+        works[x], status[x], _, _, _ = solve_transport(
+            weights_p[x], weights_q[x], costs[x], m, k, surplus_cost, balance, ints, icost
+        )
+    return works, status

@@ -32,18 +32,20 @@ def _add_coordinates(
     p: Float32Array, q: Float32Array, first: int, last: int, m: int, width: int, square: Float32Array
 ) -> None:
     for i in range(m):
+        row = square[i]
         k = first
-        while k + 4 <= last:
+        while k + 4 <= last:  # four coordinates a pass over the row
             x0, x1, x2, x3 = p[i, k], p[i, k + 1], p[i, k + 2], p[i, k + 3]
+            q0, q1, q2, q3 = q[k], q[k + 1], q[k + 2], q[k + 3]
             for j in range(width):
-                t0, t1, t2, t3 = x0 - q[k, j], x1 - q[k + 1, j], x2 - q[k + 2, j], x3 - q[k + 3, j]
-                square[i, j] += (t0 * t0 + t1 * t1) + (t2 * t2 + t3 * t3)
+                t0, t1, t2, t3 = x0 - q0[j], x1 - q1[j], x2 - q2[j], x3 - q3[j]
+                row[j] += (t0 * t0 + t1 * t1) + (t2 * t2 + t3 * t3)
             k += 4
         while k < last:
-            x0 = p[i, k]
+            x0, q0 = p[i, k], q[k]
             for j in range(width):
-                t0 = x0 - q[k, j]
-                square[i, j] += t0 * t0
+                t0 = x0 - q0[j]
+                row[j] += t0 * t0
             k += 1
 
 
@@ -59,11 +61,12 @@ def _add_positions(
 ) -> None:
     """Squared gaps of the positions, wherever between ``low`` and ``high`` a shift may put them."""
     for i in range(m):
+        row = square[i]
         for k in range(low.shape[1]):
-            a, b = low[i, k], high[i, k]
+            a, b, other = low[i, k], high[i, k], q[first + k]
             for j in range(width):
-                t = max(max(a - q[first + k, j], q[first + k, j] - b), np.float32(0.0))
-                square[i, j] += t * t
+                t = max(max(a - other[j], other[j] - b), np.float32(0.0))
+                row[j] += t * t
 
 
 @njit(cache=True, nogil=True)
@@ -85,10 +88,10 @@ def _minima(
     for j in range(width):
         columns[j] = _FAR
     for i in range(m):
-        r = rest_p[i]
+        r, row = rest_p[i], square[i]
         for j in range(width):
             t = r - rest_q[j]
-            line[j] = square[i, j] + t * t
+            line[j] = row[j] + t * t
         # squares are >= 0, so their bits order as they do: an integer minimum is taken several at a time
         least = np.int32(0x7F7FFFFF)
         for j in range(width):
@@ -145,11 +148,13 @@ def reduced_bounds(
                 out[x] = normalise(complexity_p + complexity_q, complexity_p, complexity_q, rules.form)
                 continue
             width = (n + _WIDTH - 1) // _WIDTH * _WIDTH
+            stored = points[item]
             for k in range(dims + extent):
+                target, source = q[k], stored[k]
                 for j in range(n):
-                    q[k, j] = points[item, k, j]
+                    target[j] = source[j]
                 for j in range(n, width):
-                    q[k, j] = np.float32(0.0)
+                    target[j] = np.float32(0.0)
             for j in range(n):
                 weights_q[j] = weights[item, j]
             for i in range(m):
@@ -171,8 +176,9 @@ def reduced_bounds(
                 for j in range(width):
                     rest_q[j] = np.float32(0.0)
                 for k in range(following, dims):
+                    source_q = q[k]
                     for j in range(width):
-                        rest_q[j] += q[k, j] * q[k, j]
+                        rest_q[j] += source_q[j] * source_q[j]
                 for j in range(width):
                     rest_q[j] = np.sqrt(rest_q[j])
                 _minima(square, rest_p, rest_q, m, n, width, line, columns, slack, shrink, rules.cap, minima)
