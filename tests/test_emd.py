@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from depthprint.emd import difference_matrix, emd, emd_from_costs
+from depthprint.emd import difference_matrix, emd, emd_from_costs, emd_pairs, emd_pairs_from_costs
 from depthprint.errors import DataError, FingerprintError, SettingsError
 from depthprint.ncd import FORMS
 from depthprint.signature import GroundDistance, Signature, SignatureBatch
@@ -288,3 +288,40 @@ def test_refuses_what_cannot_be_compared() -> None:
         emd_from_costs([1.0], [np.nan], [[1.0]])
     with pytest.raises(DataError, match="finite and >= 0"):
         emd_from_costs([1.0], [1.0], [[-1.0]])
+
+
+def test_pairs_in_one_call_equal_pairs_one_by_one() -> None:
+    rng = np.random.default_rng(11)
+    first = [random_signature(rng, int(k)) for k in rng.integers(1, 12, 20)]
+    second = [random_signature(rng, int(k)) for k in rng.integers(1, 12, 20)]
+    x, y = SignatureBatch.stack(first), SignatureBatch.stack(second)
+    ground = GroundDistance(cap=1.5, position_dims=1)
+    for masses in ("null", "rubner", "balanced"):
+        alone = [
+            emd(p, q, masses=masses, ground=ground, shift=[0.2]).value
+            for p, q in zip(first, second, strict=True)
+        ]
+        together = emd_pairs(x, y, masses=masses, ground=ground, shift=[0.2])
+        np.testing.assert_allclose(together, alone, rtol=1e-12)
+        costs = rng.random((20, x.weights.shape[1], y.weights.shape[1]))
+        alone = [
+            emd_from_costs(x.weights[i], y.weights[i], costs[i], masses=masses).value
+            for i in range(len(costs))
+        ]
+        np.testing.assert_allclose(
+            emd_pairs_from_costs(x.weights, y.weights, costs, masses=masses), alone, rtol=1e-12
+        )
+    matrix = difference_matrix(x, y, form="steinhaus")
+    np.testing.assert_array_equal(emd_pairs(x, y, form="steinhaus"), np.diag(matrix))
+
+
+def test_pairs_refuse_what_does_not_fit() -> None:
+    rng = np.random.default_rng(12)
+    batch = SignatureBatch.stack([random_signature(rng, 3) for _ in range(3)])
+    shorter = SignatureBatch.stack([batch[0]])
+    with pytest.raises(DataError, match="one length, got 3 and 1"):
+        emd_pairs(batch, shorter)
+    with pytest.raises(DataError, match="expected costs"):
+        emd_pairs_from_costs(batch.weights, batch.weights, np.ones((3, 2, 2)))
+    with pytest.raises(DataError, match="empty"):
+        emd_pairs_from_costs([[0.0]], [[1.0]], [[[1.0]]], masses="balanced")

@@ -116,7 +116,7 @@ def test_search_solves_few_of_the_emds() -> None:
     for i in (3, 200, 399):
         assert index.query(item(rng, stored[i]))[0].id == i
         assert index.statistics.candidates == 400
-        assert index.statistics.bounds == 800
+        assert 0 < index.statistics.bounds <= 800
         assert index.statistics.emds_solved <= 40
 
 

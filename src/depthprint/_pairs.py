@@ -11,7 +11,7 @@ from depthprint.errors import ConvergenceError, DataError, FingerprintError, Set
 from depthprint.signature import GroundDistance, SignatureBatch
 
 if TYPE_CHECKING:
-    from depthprint._kernels.bounds import PairRules, Side
+    from depthprint._kernels.ground import PairRules, Side
 
 __all__ = [
     "Form",
@@ -85,7 +85,7 @@ def closed_under_negation(shifts: FloatArray) -> bool:
 
 
 def pair_rules(masses: str, form: str | None, ground: GroundDistance) -> PairRules:
-    from depthprint._kernels.bounds import PairRules
+    from depthprint._kernels.ground import PairRules
 
     return PairRules(
         ground.position_dims,
@@ -100,7 +100,7 @@ def pair_rules(masses: str, form: str | None, ground: GroundDistance) -> PairRul
 
 def side_arrays(batch: SignatureBatch, masses: str, ground: GroundDistance, *, right: bool) -> Side:
     """Copy a batch into the kernels' layout; a unit of mass has K(X) = null_cost (eq. 18)."""
-    from depthprint._kernels.bounds import Side
+    from depthprint._kernels.ground import Side
 
     weights = np.array(batch.weights, order="C")
     total = weights.sum(axis=1)

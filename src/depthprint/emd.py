@@ -24,7 +24,16 @@ from depthprint._pairs import (
 from depthprint.errors import DataError, SettingsError
 from depthprint.signature import GroundDistance, Signature, SignatureBatch
 
-__all__ = ["EMDResult", "Form", "Masses", "difference_matrix", "emd", "emd_from_costs"]
+__all__ = [
+    "EMDResult",
+    "Form",
+    "Masses",
+    "difference_matrix",
+    "emd",
+    "emd_from_costs",
+    "emd_pairs",
+    "emd_pairs_from_costs",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,7 +82,7 @@ def emd(
     ground = GroundDistance() if ground is None else ground
     check_masses(masses)
     check_alike(p.fingerprint, p.points.shape[1], q.fingerprint, q.points.shape[1], ground)
-    from depthprint._kernels.bounds import ground_costs
+    from depthprint._kernels.ground import ground_costs
 
     offset = shift_table(None if shift is None else [shift], ground)[0]
     costs = np.empty((len(p), len(q)))
@@ -131,6 +140,74 @@ def emd_from_costs(
     return EMDResult(float(value), float(work), flow_mass, mass_p - mass_q, flow if return_flow else None)
 
 
+def emd_pairs(
+    first: SignatureBatch,
+    second: SignatureBatch,
+    *,
+    masses: Masses = "null",
+    ground: GroundDistance | None = None,
+    form: Form | None = None,
+    shift: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Exact distances (n,) of first[i] to second[i], one after the other on the calling thread.
+
+    Arguments and values as in `difference_matrix`, with one ``shift`` (position_dims,). Raises as it does, and
+    DataError for batches of unequal length.
+    """
+    ground = GroundDistance() if ground is None else ground
+    check_masses(masses)
+    check_form(form)
+    if len(first) != len(second):
+        raise DataError(f"emd_pairs: expected batches of one length, got {len(first)} and {len(second)}")
+    check_alike(first.fingerprint, first.points.shape[2], second.fingerprint, second.points.shape[2], ground)
+    offset = shift_table(None if shift is None else [shift], ground)[0]
+    from depthprint._kernels.pairs import aligned_pairs
+
+    left = side_arrays(first, masses, ground, right=False)
+    right = side_arrays(second, masses, ground, right=True)
+    if form is None and masses != "null":
+        refuse_empty(left.masses, right.masses, masses)
+    distances, status = aligned_pairs(left, right, offset, pair_rules(masses, form, ground))
+    check_status(status)
+    return distances
+
+
+def emd_pairs_from_costs(
+    weights_p: npt.ArrayLike,
+    weights_q: npt.ArrayLike,
+    costs: npt.ArrayLike,
+    *,
+    masses: Masses = "null",
+    null_cost: float = 1.0,
+) -> FloatArray:
+    """Exact EMDs (n,) of weights (n, k) and (n, l) under costs (n, k, l), one after the other on one thread.
+
+    Values and errors as of `emd_from_costs` row by row.
+    """
+    check_masses(masses)
+    if not (np.isfinite(null_cost) and null_cost >= 0):
+        raise SettingsError(f"emd: expected a finite null_cost >= 0, got {null_cost}")
+    p = _non_negative("weights_p", weights_p, 2)
+    q = _non_negative("weights_q", weights_q, 2)
+    c = _non_negative("costs", costs, 3)
+    if len(p) != len(q) or c.shape != (len(p), p.shape[1], q.shape[1]):
+        raise DataError(
+            f"emd: expected costs {(len(p), p.shape[1], q.shape[1])} for these weights, got {c.shape}"
+        )
+    mass_p, mass_q = p.sum(axis=1), q.sum(axis=1)
+    if not (np.isfinite(mass_p).all() and np.isfinite(mass_q).all()):
+        raise DataError("emd: the total weight overflows; scale the weights down")
+    if masses != "null":
+        refuse_empty(mass_p, mass_q, masses)
+    if masses == "balanced":
+        p, q = p / mass_p[:, None], q / mass_q[:, None]
+    from depthprint._kernels.pairs import solve_many
+
+    works, status = solve_many(p, q, c, null_cost if masses == "null" else 0.0, masses == "balanced")
+    check_status(status)
+    return works / np.minimum(mass_p, mass_q) if masses == "rubner" else works
+
+
 def difference_matrix(
     a: SignatureBatch,
     b: SignatureBatch | None = None,
@@ -160,7 +237,7 @@ def difference_matrix(
     offsets = shift_table(shifts, ground)
     if below is not None and np.isnan(below):
         raise SettingsError("difference_matrix: below must be a number, got nan")
-    from depthprint._kernels.bounds import difference_tasks
+    from depthprint._kernels.pairs import difference_tasks
 
     left = side_arrays(a, masses, ground, right=False)
     right = side_arrays(other, masses, ground, right=True)

@@ -1,0 +1,157 @@
+"""Exact distances of many pairs of signatures, in parallel.
+
+Results do not depend on the number of threads: each pair is computed by one thread, in one order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from depthprint._kernels.ground import PairRules, Side, ground_costs
+from depthprint._kernels.relaxation import normalise, relaxed_work
+from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_transport
+
+__all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+_ROUNDING = 1.0 + 1e-12  # a bound computed in floating point may exceed the distance by its rounding
+
+
+@njit(cache=True, nogil=True)
+def _pair(
+    left: Side,
+    a: int,
+    right: Side,
+    b: int,
+    shift: FloatArray,
+    above: float,
+    rules: PairRules,
+    ints: IntArray,
+    icost: IntArray,
+    cost: FloatArray,
+    minima: FloatArray,
+) -> tuple[float, int, bool]:
+    """(distance, status, solved): inf and not solved where the relaxed bound is over ``above``."""
+    if left.masses[a] <= 0.0 or right.masses[b] <= 0.0:
+        k_p, k_q = left.complexity[a], right.complexity[b]
+        return normalise(k_p + k_q, k_p, k_q, rules.form), OPTIMAL, False
+    m, n = left.counts[a], right.counts[b]
+    ground_costs(left.points[a], right.points[b], m, n, shift, rules, cost)
+    if above < np.inf:
+        for j in range(n):
+            minima[1, j] = np.inf
+        for i in range(m):
+            least = np.inf
+            for j in range(n):
+                c = cost[i, j]
+                least = min(least, c)
+                minima[1, j] = min(minima[1, j], c)
+            minima[0, i] = least
+        bound = relaxed_work(
+            left.weights[a],
+            left.masses[a],
+            m,
+            right.weights[b],
+            right.masses[b],
+            n,
+            minima[0],
+            minima[1],
+            rules,
+        )
+        if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * _ROUNDING:
+            return np.inf, OPTIMAL, False
+    work, status, _, _, _ = solve_transport(
+        left.weights[a], right.weights[b], cost, m, n, rules.surplus_cost, rules.balance, ints, icost
+    )
+    if rules.divide:
+        work /= min(left.masses[a], right.masses[b])
+    return normalise(work, left.complexity[a], right.complexity[b], rules.form), status, True
+
+
+@njit(cache=True, parallel=True)
+def difference_tasks(
+    left: Side,
+    right: Side,
+    tasks: IntArray,
+    shifts: FloatArray,
+    below: float,
+    rules: PairRules,
+    out: FloatArray,
+) -> IntArray:
+    """out[i, j] of tasks (i, j_first, j_last): least distance over the shifts, inf where over ``below``."""
+    status = np.zeros(len(tasks), np.int64)
+    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
+    for t in prange(len(tasks)):
+        ints, icost = make_scratch(k_p, k_q)
+        cost = np.empty((k_p, k_q))
+        minima = np.empty((2, max(k_p, k_q)))
+        i = tasks[t, 0]
+        for j in range(tasks[t, 1], tasks[t, 2]):
+            best = np.inf
+            for s in range(len(shifts)):
+                value, code, _ = _pair(
+                    left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
+                )
+                if code != OPTIMAL:
+                    status[t] = code
+                best = min(best, value)
+            out[i, j] = best if best <= below else np.inf
+    return status
+
+
+@njit(cache=True, parallel=True)
+def pair_distances(
+    left: Side, right: Side, candidates: IntArray, chosen: IntArray, shifts: FloatArray, rules: PairRules
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved)."""
+    count = len(candidates)
+    distances = np.empty(count)
+    status = np.zeros(count, np.int64)
+    solved = np.zeros(count, np.int64)
+    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
+    for t in prange(count):
+        ints, icost = make_scratch(k_p, k_q)
+        cost = np.empty((k_p, k_q))
+        minima = np.empty((2, max(k_p, k_q)))
+        value, code, was_solved = _pair(
+            left, 0, right, candidates[t], shifts[chosen[t]], np.inf, rules, ints, icost, cost, minima
+        )
+        distances[t] = value
+        status[t] = code
+        solved[t] = 1 if was_solved else 0
+    return distances, status, solved
+
+
+@njit(cache=True, nogil=True)
+def aligned_pairs(
+    left: Side, right: Side, shift: FloatArray, rules: PairRules
+) -> tuple[FloatArray, IntArray]:
+    """(distance, status) of left[i] to right[i], one after the other on the calling thread."""
+    count = len(left.counts)
+    distances, status = np.empty(count), np.zeros(count, np.int64)
+    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
+    ints, icost = make_scratch(k_p, k_q)
+    cost = np.empty((k_p, k_q))
+    minima = np.empty((2, max(k_p, k_q)))
+    for i in range(count):
+        distances[i], status[i], _ = _pair(left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima)
+    return distances, status
+
+
+@njit(cache=True, nogil=True)
+def solve_many(
+    weights_p: FloatArray, weights_q: FloatArray, costs: FloatArray, surplus_cost: float, balance: bool
+) -> tuple[FloatArray, IntArray]:
+    """(work, status) of problems with weights (n, m), (n, k) and costs (n, m, k), one after the other."""
+    count, m, k = costs.shape
+    works, status = np.empty(count), np.zeros(count, np.int64)
+    ints, icost = make_scratch(m, k)
+    for x in range(count):
+        works[x], status[x], _, _, _ = solve_transport(
+            weights_p[x], weights_q[x], costs[x], m, k, surplus_cost, balance, ints, icost
+        )
+    return works, status

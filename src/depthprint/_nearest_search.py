@@ -1,0 +1,269 @@
+"""One exact search of an index: cheap bounds leave few candidates, dearer ones fewer, exact distances decide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint._pairs import check_status, pair_rules
+from depthprint._signature_store import ITEMS_PER_BLOCK, SignatureStore, summary_vectors
+
+if TYPE_CHECKING:
+    from depthprint._kernels.ground import Side
+    from depthprint.signature_index import StreamDistance
+
+__all__ = ["NearestSearch"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Bounds are sums in floating point; nothing within rounding of the k-th best is dismissed.
+_ROUNDING = 1.0 + 1e-12
+_FIRST_BATCH, _LARGEST_BATCH = 4, 32
+_SEEDS = 64
+_ITEMS_PER_ROUND = 256
+_ITEMS_PER_SCAN = 4096
+_FLOAT32_LIMIT = 1e12
+
+
+class NearestSearch:
+    """A query against the first ``count`` items of its streams' stores.
+
+    distance(query, item) = min over shifts of the streams' weighted sum. Every bound used is a lower bound of
+    it, so what is dismissed for a bound over the k-th best distance so far cannot be among the k nearest.
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[StreamDistance],
+        shifts: Sequence[FloatArray],
+        stores: Sequence[SignatureStore],
+        sides: Sequence[Side],
+        count: int,
+    ) -> None:
+        self._streams, self._shifts, self._stores, self._sides = streams, shifts, stores, sides
+        self._rules = [pair_rules(s.masses, s.form, s.ground) for s in streams]
+        self.count = count
+        self._best: dict[int, tuple[float, int]] = {}
+        self.bounds_computed = 0
+        self.emds_solved = 0
+
+    def nearest(self, k: int) -> dict[int, tuple[float, int]]:
+        """Best (distance, shift) of items, the k nearest certainly among them."""
+        if self.count <= max(k, _SEEDS) or not self._summaries_usable():
+            self._decide(np.arange(self.count), np.zeros(self.count), k)
+            return self._best
+        self._summarise()
+        blocks = self._block_bounds()
+        order = np.argsort(blocks, kind="stable")
+        wanted = max(k, _SEEDS)
+        near = order[: 1 + -(-wanted // ITEMS_PER_BLOCK)]
+        seeds = self._members(near)
+        bounds = self._item_bounds(seeds)
+        chosen = np.argsort(bounds, kind="stable")[: max(k, _SEEDS // 4)]
+        self._decide(seeds[chosen], bounds[chosen], k)
+        tried = np.sort(seeds[chosen])
+        items = self._members(np.flatnonzero(blocks <= self._threshold(k)))
+        bounds = self._item_bounds(items)
+        kept = bounds <= self._threshold(k)
+        kept &= ~np.isin(items, tried)
+        items, bounds = items[kept], bounds[kept]
+        order = np.argsort(bounds, kind="stable")
+        self._narrow(items[order], bounds[order], k)
+        return self._best
+
+    def relaxed(self) -> tuple[FloatArray, IntArray]:
+        """Lower bound of every item's distance and the shift that gives it; nothing is solved."""
+        least, shift = np.empty(self.count), np.empty(self.count, np.int64)
+        for start in range(0, self.count, _ITEMS_PER_SCAN):
+            items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
+            bounds = sum(self._relaxed_parts(items))
+            least[items], shift[items] = bounds.min(axis=1), bounds.argmin(axis=1)
+        return least, shift
+
+    def all_exact(self) -> FloatArray:
+        """Least exact distance of every item; per item, shifts in the order of their bounds."""
+        best = np.full(self.count, np.inf)
+        for start in range(0, self.count, _ITEMS_PER_SCAN):
+            items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
+            parts = self._relaxed_parts(items)
+            bounds = sum(parts)
+            ranked = np.argsort(bounds, axis=1, kind="stable")
+            for rank in range(ranked.shape[1]):
+                limits = best[items] * _ROUNDING
+                rows = np.flatnonzero(bounds[np.arange(len(items)), ranked[:, rank]] <= limits)
+                exact = self._exact(items, parts, rows, ranked[rows, rank], limits[rows])
+                best[items[rows]] = np.minimum(best[items[rows]], exact)
+        return best
+
+    def _threshold(self, k: int) -> float:
+        if len(self._best) < k:
+            return np.inf
+        values = np.array([distance for distance, _ in self._best.values()])
+        return float(np.partition(values, k - 1)[k - 1]) * _ROUNDING
+
+    def _narrow(self, items: IntArray, bounds: FloatArray, k: int) -> None:
+        """Items by rising bound, in rounds that grow: reduced bounds, then relaxed ones, then exact distances."""
+        start, size = 0, _ITEMS_PER_ROUND
+        while start < len(items) and bounds[start] <= self._threshold(k):
+            part = slice(start, start + size)
+            tighter = self._reduced_bounds(items[part], self._threshold(k))
+            tighter = np.maximum(tighter, bounds[part])
+            order = np.argsort(tighter, kind="stable")
+            order = order[tighter[order] <= self._threshold(k)]
+            self._decide(items[part][order], tighter[order], k)
+            start, size = start + size, 2 * size
+
+    def _decide(self, items: IntArray, bounds: FloatArray, k: int) -> None:
+        """Exact distances of those items, by rising bound, that may be among the k nearest."""
+        start, size = 0, _ITEMS_PER_ROUND // 4
+        while start < len(items) and bounds[start] <= self._threshold(k):
+            chosen = items[start : start + size]
+            self._solve_in_bound_order(chosen, k)
+            start, size = start + size, min(2 * size, _ITEMS_PER_SCAN)
+
+    def _solve_in_bound_order(self, items: IntArray, k: int) -> None:
+        parts = self._relaxed_parts(items)
+        total = sum(parts)
+        flat = np.asarray(total).ravel()
+        order = np.argsort(flat, kind="stable")
+        start, size = 0, _FIRST_BATCH
+        while start < len(order):
+            threshold = self._threshold(k)
+            pairs = order[start : start + size]
+            pairs = pairs[flat[pairs] <= threshold]
+            if not len(pairs):
+                return
+            rows, shifts = np.divmod(pairs, len(self._shifts[0]))
+            exact = self._exact(items, parts, rows, shifts, np.full(len(rows), threshold))
+            for row, shift, distance in zip(rows.tolist(), shifts.tolist(), exact.tolist(), strict=True):
+                if np.isfinite(distance):
+                    item = int(items[row])
+                    self._best[item] = min(self._best.get(item, (np.inf, -1)), (distance, shift))
+            start += size
+            size = min(2 * size, _LARGEST_BATCH)
+
+    def _relaxed_parts(self, items: IntArray) -> list[FloatArray]:
+        """Weighted relaxed bounds (items, shifts) of each stream."""
+        from depthprint._kernels.relaxation import relaxed_bounds
+
+        parts = []
+        for s, store in enumerate(self._stores):
+            bounds = relaxed_bounds(
+                self._sides[s], store.gather(items), len(items), self._shifts[s], self._rules[s]
+            )
+            parts.append(self._streams[s].weight * bounds)
+            self.bounds_computed += bounds.size
+        return parts
+
+    def _exact(
+        self,
+        items: IntArray,
+        parts: Sequence[FloatArray],
+        rows: IntArray,
+        shifts: IntArray,
+        above: FloatArray,
+    ) -> FloatArray:
+        """Exact combined distances of items[rows]; inf where streams solved so far put a pair over ``above``."""
+        from depthprint._kernels.pairs import pair_distances
+
+        total = np.zeros(len(rows))
+        rest = np.sum([part[rows, shifts] for part in parts], axis=0)
+        alive = np.arange(len(rows))
+        for s, store in enumerate(self._stores):
+            if not len(alive):
+                break
+            r, shift = rows[alive], shifts[alive]
+            values, status, solved = pair_distances(
+                self._sides[s],
+                store.gather(items[r]),
+                np.arange(len(r)),
+                shift,
+                self._shifts[s],
+                self._rules[s],
+            )
+            check_status(status)
+            self.emds_solved += int(solved.sum())
+            total[alive] += self._streams[s].weight * values
+            rest[alive] = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
+            alive = alive[total[alive] + rest[alive] <= above[alive] * _ROUNDING]
+        result = np.full(len(rows), np.inf)
+        result[alive] = total[alive]
+        return result
+
+    def _summaries_usable(self) -> bool:
+        """Whether float32 holds everything that the cheap bounds add up."""
+        for s, store in enumerate(self._stores):
+            side, ground = self._sides[s], self._streams[s].ground
+            mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
+            norm = max(float(np.abs(side.points).max(initial=0.0)), store.largest_norm)
+            norm += float(np.abs(self._shifts[s]).max(initial=0.0))
+            if not max(mass * ground.cap, mass, norm) < _FLOAT32_LIMIT:
+                return False
+        return True
+
+    def _summarise(self) -> None:
+        self._vectors: list[npt.NDArray[np.float32]] = []
+        for s, side in enumerate(self._sides):
+            vectors, _ = summary_vectors(
+                side.weights, side.points.transpose(0, 2, 1), self._streams[s].ground
+            )
+            self._vectors.append(vectors[0])
+
+    def _members(self, blocks: IntArray) -> IntArray:
+        items: IntArray = (np.sort(blocks)[:, None] * ITEMS_PER_BLOCK + np.arange(ITEMS_PER_BLOCK)).ravel()
+        return items[: np.searchsorted(items, self.count)]
+
+    def _block_bounds(self) -> FloatArray:
+        from depthprint._kernels.summaries import add_block_bounds
+
+        out = np.zeros(-(-self.count // ITEMS_PER_BLOCK))
+        for s, store in enumerate(self._stores):
+            side, stream = self._sides[s], self._streams[s]
+            add_block_bounds(
+                self._vectors[s], side.masses[0], side.complexity[0], store.low, store.high, store.mass_range,
+                store.largest_complexity, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+            )  # fmt: skip
+        return out
+
+    def _item_bounds(self, items: IntArray) -> FloatArray:
+        from depthprint._kernels.summaries import add_item_bounds
+
+        out = np.zeros(len(items))
+        for s, store in enumerate(self._stores):
+            side, stream = self._sides[s], self._streams[s]
+            add_item_bounds(
+                self._vectors[s], side.masses[0], side.complexity[0], store.vectors, store.masses,
+                store.complexity, items, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+            )  # fmt: skip
+        return out
+
+    def _reduced_bounds(self, items: IntArray, threshold: float) -> FloatArray:
+        """Sum of the streams' reduced bounds; a later stream is looked at only where earlier ones let it."""
+        from depthprint._kernels.reduction import reduced_bounds
+
+        total = np.zeros(len(items))
+        alive = np.arange(len(items))
+        for s, store in enumerate(self._stores):
+            side, stream, rules = self._sides[s], self._streams[s], self._rules[s]
+            m = int(side.counts[0])
+            dims = store.dims - rules.position_dims
+            points = side.points[0, :m]
+            extent = 0 if rules.period > 0 else rules.position_dims
+            low = points[:, dims : dims + extent] + self._shifts[s][:, :extent].min(axis=0)
+            high = points[:, dims : dims + extent] + self._shifts[s][:, :extent].max(axis=0)
+            reach = float(np.abs(self._shifts[s]).max(initial=0.0)) + store.largest_norm
+            reach += float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
+            bounds = reduced_bounds(
+                points[:, :dims].astype(np.float32), low.astype(np.float32), high.astype(np.float32),
+                side.weights[0], side.masses[0], side.complexity[0],
+                store.weights, store.points, store.counts, store.masses, store.complexity,
+                items[alive], (threshold - total[alive]) / stream.weight,
+                1.2e-7 * (store.dims + 16) * reach, rules,
+            )  # fmt: skip
+            total[alive] += stream.weight * bounds
+            alive = alive[total[alive] <= threshold]
+        return total
