@@ -40,8 +40,9 @@ def for_blocks(
 ) -> None:
     """Call ``work(start, stop)`` for every block of rows, on as many threads as numba may use.
 
-    Where ``multiplications``, an estimate of the whole work, is so few that handing it to threads would cost
-    more than it saves, the calling thread does it all. Which rows share a block depends on ``block_rows`` alone. The error of the first failing block is raised.
+    Which rows share a block depends on ``block_rows`` alone. ``multiplications`` estimates the whole work: where
+    it is so little that handing it to threads would cost more than it saves, the calling thread does it all.
+    The error of the first failing block is raised.
     """
     starts = range(0, n_rows, block_rows)
     workers = min(numba.get_num_threads(), len(starts)) if multiplications > _WORTH_A_THREAD else 1
