@@ -75,7 +75,7 @@ def load_street(n_places: int) -> Street:
             np.savez(temporary, **arrays)
     with np.load(path, allow_pickle=False) as kept:
         height, counts = (
-            SignatureBatch(*(kept[f"{name}_{key}"] for key in ("weights", "points", "counts")), "street")
+            SignatureBatch(kept[f"{name}_weights"], kept[f"{name}_points"], kept[f"{name}_counts"], "street")
             for name in ("height", "counts")
         )
     return Street(height, counts)

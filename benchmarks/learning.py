@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.data import load_images, N_PLACES
+from benchmarks.data import N_PLACES, load_images
 from benchmarks.harness import Comparison, Settings, interleaved_s, threads, version
 from depthprint import learn_dictionary
 from depthprint.dictionary_learning import l1_objective
@@ -80,7 +80,7 @@ def _row(
 
 
 def _signals(settings: Settings) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Training and held-out images of the drive, each less its mean and of norm 1; held-out ones are never trained on."""
+    """Images of the drive, each less its mean and of norm 1: some to train on, and others held out."""
     x = load_images(300 if settings.quick else N_PLACES).astype(np.float64)
     if settings.quick:
         x = np.concatenate([x, x[:, ::-1], -x])  # enough directions for 256 atoms
@@ -93,7 +93,7 @@ def _signals(settings: Settings) -> tuple[npt.NDArray[np.float64], npt.NDArray[n
 
 def _ours(train: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
     learned = learn_dictionary(train, N_ATOMS, lambda_=LAMBDA, batch_size=BATCH, n_passes=PASSES, seed=0)
-    return learned.atoms
+    return np.asarray(learned.atoms)
 
 
 def _scikit_learn(train: npt.NDArray[np.float64], n: int) -> Callable[[], npt.NDArray[Any]]:
@@ -127,4 +127,4 @@ def _spams(train: npt.NDArray[np.float64], n: int) -> Callable[[], npt.NDArray[A
 
 def _unit(atoms: npt.NDArray[Any]) -> npt.NDArray[Any]:
     norms = np.linalg.norm(atoms, axis=1)
-    return atoms[norms > 0] / norms[norms > 0, None]
+    return np.asarray(atoms[norms > 0] / norms[norms > 0, None])

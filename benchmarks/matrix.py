@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +47,7 @@ def run(settings: Settings, wanted: set[str]) -> list[Comparison]:
 
 
 def _row(
-    ours_s: float, peer_s: float | None, size: str, settings: Settings, note: str, extra: dict[str, object]
+    ours_s: float, peer_s: float | None, size: str, settings: Settings, note: str, extra: Mapping[str, object]
 ) -> Comparison:
     return Comparison(
         "matrix_pot", ours_s, peer_s, "POT's emd_c over joblib", version("POT"), settings.threads, size, "matrix",

@@ -56,7 +56,7 @@ def _unit_masses(batch: SignatureBatch) -> SignatureBatch:
 
 
 def _query_frames(n_places: int, count: int) -> list[int]:
-    """Frames after the gap that follows the places: some come back to a place, some see their street for the first time."""
+    """Frames that follow the places after a gap: some come back to a place, some see a street for the first time."""
     return [int(i) for i in np.linspace(n_places + GAP, n_places + GAP + N_QUERIES - 1, count)]
 
 
@@ -78,7 +78,8 @@ def _one_stream(batch: SignatureBatch, n: int, settings: Settings) -> Comparison
     share = _share_solved(index, [[query] for query in queries], n)
     taken = interleaved_s({"ours": search, "all": brute_force})
     return Comparison(
-        "nearest_brute_force", taken["ours"] / len(queries), taken["all"] / len(few), "all EMDs, our kernel", our_version,
+        "nearest_brute_force", taken["ours"] / len(queries), taken["all"] / len(few), "all EMDs, our kernel",
+        our_version,
         settings.threads, f"{n} places, k = 1, one stream, no shift", "query",
         extra={"share_of_emds_solved": share, "n_queries": len(queries)},
     )  # fmt: skip
