@@ -4,7 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint format clean
+BENCH := .venv-bench
+BENCH_INSTALLED := $(BENCH)/.installed
+
+.PHONY: demo test lint format bench bench-quick clean
 
 demo: $(INSTALLED)
 	$(BIN)/depthprint demo -o demo-run
@@ -13,13 +16,20 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest -q
 
 lint: $(INSTALLED)
-	$(BIN)/ruff check src tests
-	$(BIN)/ruff format --check src tests
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
 	$(BIN)/mypy
 
 format: $(INSTALLED)
-	$(BIN)/ruff check --fix src tests
-	$(BIN)/ruff format src tests
+	$(BIN)/ruff check --fix src tests benchmarks
+	$(BIN)/ruff format src tests benchmarks
+
+# Every comparison of BENCHMARKS.md, peers included, in an environment of its own.
+bench: $(BENCH_INSTALLED)
+	$(BENCH)/bin/python -m benchmarks
+
+bench-quick: $(BENCH_INSTALLED)
+	$(BENCH)/bin/python -m benchmarks --quick --out $(BENCH)/quick.json
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
@@ -29,5 +39,17 @@ $(INSTALLED): pyproject.toml constraints.txt
 	  --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+$(BENCH_INSTALLED): pyproject.toml constraints.txt benchmarks/peers.txt
+	$(PYTHON) -m venv $(BENCH)
+	@grep -vi '^numpy==\|^opencv-python-headless==' constraints.txt > $(BENCH)/constraints.txt
+	@grep -v '^#' benchmarks/peers.txt | while read -r peer; do \
+	  $(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: \
+	    --constraint $(BENCH)/constraints.txt "$$peer" \
+	    || echo "no ready-made wheel here, left out: $$peer"; \
+	done
+	$(BENCH)/bin/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: \
+	  --constraint $(BENCH)/constraints.txt --editable .
+	@touch $@
+
 clean:
-	rm -rf $(VENV) demo-run build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(BENCH) demo-run build .pytest_cache .mypy_cache .ruff_cache

@@ -19,6 +19,9 @@ ALGORITHMS = ("omp", "ols", "mp")
 # Below these an inner product or a squared distance is rounding, not signal.
 _ZERO_IN_ULPS = 8.0
 _DEPENDENT = {np.dtype(np.float32): 1e-4, np.dtype(np.float64): 1e-8}
+# Above this share of the signal's energy what is left is told by the steps to some 1e-5 (1e-9) of itself;
+# below it the pixels are asked.
+_TRUSTED = {np.dtype(np.float32): 1e-2, np.dtype(np.float64): 1e-5}
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,7 @@ def sparse_code(
     """
     from depthprint._kernels import pursuit
     from depthprint._kernels.blocks import for_blocks
+    from depthprint._kernels.products import BLOCK_ROWS, block_rows_for
 
     d = Dictionary.of(dictionary)
     x = _checked_signals(signals, d)
@@ -135,28 +139,33 @@ def sparse_code(
     coefficients = np.empty((n, limit), dtype=dtype)
     counts = np.empty(n, dtype=np.int64)
     residual_norms = np.empty(n, dtype=dtype)
-    block_rows = 256 if d.dimension <= 1024 else 64
 
     def code_block(start: int, stop: int) -> None:
-        # Always a full block: the rounding of a matrix product may depend on its size, a model must not.
-        block = np.zeros((block_rows, d.dimension), dtype=dtype)
-        block[: stop - start] = x[start:stop]
-        squared = np.empty(block_rows)
-        pursuit.squared_norms(block, squared)
-        _refuse_non_finite(squared[: stop - start], x, start)
+        rows = stop - start
+        block = x[start:stop]
+        height = block_rows_for(rows, dtype.name, d.n_atoms, d.dimension)
+        if rows < height or block.dtype != dtype or not block.flags.c_contiguous:
+            block = np.zeros((height, d.dimension), dtype=dtype)
+            block[:rows] = x[start:stop]
+        squared = np.empty(rows)
+        pursuit.squared_norms(block[:rows], squared)
+        _refuse_non_finite(squared, x, start)
         correlations = block @ atoms.T
         score = np.empty(d.n_atoms, dtype=dtype)
         bits = score.view(np.int32 if dtype.itemsize == 4 else np.int64)
-        rows = slice(0, stop - start)
         into = slice(start, stop)
-        outputs = (score, bits, picked[into], coefficients[into], counts[into], residual_norms[into])
-        given = (block[rows], correlations[rows], gram, atoms, squared, tolerance, zero)
+        codes = (picked[into], coefficients[into], counts[into])
+        given = (correlations[:rows], gram, squared, tolerance, zero)
         if algorithm == "mp":
-            pursuit.mp_block(*given, *outputs)
+            pursuit.mp_block(*given, score, bits, *codes)
+            residual_norms[into] = -1.0  # still to be found
         else:
-            pursuit.omp_block(*given, _DEPENDENT[dtype], algorithm == "ols", *outputs)
+            limits = (_DEPENDENT[dtype], _TRUSTED[dtype])
+            pursuit.omp_block(*given, *limits, algorithm == "ols", score, bits, *codes, residual_norms[into])
+        pursuit.residual_norms_block(block[:rows], atoms, *codes, residual_norms[into])
 
-    for_blocks(n, block_rows, code_block, progress)
+    work = float(n) * d.n_atoms * (d.dimension + limit * limit)
+    for_blocks(n, BLOCK_ROWS, code_block, progress, multiplications=work)
 
     kept = np.arange(limit) < counts[:, None]
     indptr = np.zeros(n + 1, dtype=np.int64)

@@ -11,9 +11,12 @@ from itertools import islice
 from typing import Any
 
 import numba
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 __all__ = ["for_blocks", "one_blas_thread"]
+
+_WORTH_A_THREAD = 1e8  # some ten milliseconds; a hand-over costs up to one
 
 
 @lru_cache(maxsize=1)
@@ -32,13 +35,17 @@ def for_blocks(
     block_rows: int,
     work: Callable[[int, int], None],
     progress: Callable[[int, int], None] | None = None,
+    *,
+    multiplications: float = np.inf,
 ) -> None:
     """Call ``work(start, stop)`` for every block of rows, on as many threads as numba may use.
 
-    Which rows share a block depends on ``block_rows`` alone. The error of the first failing block is raised.
+    Which rows share a block depends on ``block_rows`` alone. ``multiplications`` estimates the whole work: where
+    it is so little that handing it to threads would cost more than it saves, the calling thread does it all.
+    The error of the first failing block is raised.
     """
     starts = range(0, n_rows, block_rows)
-    workers = min(numba.get_num_threads(), len(starts))
+    workers = min(numba.get_num_threads(), len(starts)) if multiplications > _WORTH_A_THREAD else 1
     with one_blas_thread():
         if workers <= 1:
             for start in starts:

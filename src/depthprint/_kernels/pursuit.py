@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-__all__ = ["mp_block", "omp_block", "squared_norms"]
+__all__ = ["mp_block", "omp_block", "residual_norms_block", "squared_norms"]
 
 Array = Any
+
+_STRIP = 1024
 
 
 @njit(cache=True, nogil=True)
@@ -65,28 +67,56 @@ def _first_largest(bits: Array) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _residual_norm(
-    signal: Array, atoms: Array, picked: Array, coefficients: Array, n: int, work: Array
-) -> float:
-    work[:] = signal
-    for k in range(n):
-        c = coefficients[k]
-        atom = atoms[picked[k]]
-        for i in range(work.size):
-            work[i] -= c * atom[i]
-    return float(np.sqrt(_squared_norm(work)))
+def _subtract(
+    target: Array, matrix: Array, rows: Array, weights: Array, n: int, start: int, stop: int
+) -> None:
+    """Subtract n weighted rows of ``matrix`` in columns start to stop, one after the other, four a pass.
+
+    Unsigned columns spare the test for an index from the end, which would keep the loop from vectorising.
+    """
+    whole = n - n % 4
+    for k in range(0, whole, 4):
+        w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        r0, r1, r2, r3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+        for i in range(np.uint64(start), np.uint64(stop)):
+            value = (target[i] - w0 * matrix[r0, i]) - w1 * matrix[r1, i]
+            target[i] = (value - w2 * matrix[r2, i]) - w3 * matrix[r3, i]
+    for k in range(whole, n):
+        weight, row = weights[k], rows[k]
+        for i in range(np.uint64(start), np.uint64(stop)):
+            target[i] -= weight * matrix[row, i]
+
+
+@njit(cache=True, nogil=True)
+def residual_norms_block(
+    signals: Array, atoms: Array, picked: Array, coefficients: Array, counts: Array, out: Array
+) -> None:
+    """Norm of signal less model where ``out`` is negative, by strips narrow enough to keep all atoms' in cache."""
+    m, d = signals.shape
+    work = np.empty(d, dtype=signals.dtype)
+    squared = np.zeros(m)
+    for start in range(0, d, _STRIP):
+        stop = min(start + _STRIP, d)
+        part = work[start:stop]
+        for s in range(m):
+            if out[s] < 0:
+                part[:] = signals[s, start:stop]
+                _subtract(work, atoms, picked[s], coefficients[s], counts[s], start, stop)
+                squared[s] += _squared_norm(part)
+    for s in range(m):
+        if out[s] < 0:
+            out[s] = np.sqrt(squared[s])
 
 
 @njit(cache=True, nogil=True)
 def omp_block(
-    signals: Array,
     correlations: Array,
     gram: Array,
-    atoms: Array,
     squared: Array,
     tolerance: float,
     zero: float,
     dependent: float,
+    trusted: float,
     by_gain: bool,
     score: Array,
     score_bits: Array,
@@ -100,6 +130,8 @@ def omp_block(
     ``correlations`` (m, K) is overwritten. ``score_bits`` is ``score`` seen as integers. A pursuit ends after
     ``picked.shape[1]`` atoms, at residual norm <= ``tolerance``, when no |<R, g>| exceeds ``zero`` times the
     signal's norm, or when the best atom has squared distance <= ``dependent`` to the span of those picked.
+    A residual's norm whose square is at most ``trusted`` of the signal's is set to -1: the steps do not tell it
+    well enough.
     """
     m, n_atoms = correlations.shape
     limit = picked.shape[1]
@@ -108,7 +140,8 @@ def omp_block(
     taken = np.zeros(n_atoms, dtype=np.bool_)
     triangle = np.empty((limit, limit))
     along = np.empty(limit)
-    work = np.empty(signals.shape[1], dtype=signals.dtype)
+    order = np.arange(limit)
+    column = np.empty(limit, dtype=correlations.dtype)
     for s in range(m):
         alpha = correlations[s]
         left = squared[s]
@@ -154,10 +187,8 @@ def omp_block(
             row = basis[n - 1]
             row[:] = gram[best]
             for k in range(n - 1):
-                c = basis[k, best]
-                other = basis[k]
-                for i in range(n_atoms):
-                    row[i] -= c * other[i]
+                column[k] = basis[k, best]
+            _subtract(row, basis, order, column, n - 1, 0, n_atoms)
             scale = row.dtype.type(1.0 / pivot)
             move = row.dtype.type(step)
             for i in range(n_atoms):
@@ -175,15 +206,13 @@ def omp_block(
             coefficients[s, k] = along[k]
             taken[picked[s, k]] = False
         counts[s] = n
-        residual_norms[s] = _residual_norm(signals[s], atoms, picked[s], coefficients[s], n, work)
+        residual_norms[s] = np.sqrt(left) if n == 0 or left > trusted * squared[s] else -1.0
 
 
 @njit(cache=True, nogil=True)
 def mp_block(
-    signals: Array,
     correlations: Array,
     gram: Array,
-    atoms: Array,
     squared: Array,
     tolerance: float,
     zero: float,
@@ -192,13 +221,11 @@ def mp_block(
     picked: Array,
     coefficients: Array,
     counts: Array,
-    residual_norms: Array,
 ) -> None:
     """Matching pursuit of each row in at most ``picked.shape[1]`` steps; a repeated pick adds up."""
     m, n_atoms = correlations.shape
     limit = picked.shape[1]
     slot = np.full(n_atoms, -1, dtype=np.int32)
-    work = np.empty(signals.shape[1], dtype=signals.dtype)
     for s in range(m):
         alpha = correlations[s]
         left = squared[s]
@@ -227,4 +254,3 @@ def mp_block(
         for k in range(n):
             slot[picked[s, k]] = -1
         counts[s] = n
-        residual_norms[s] = _residual_norm(signals[s], atoms, picked[s], coefficients[s], n, work)
