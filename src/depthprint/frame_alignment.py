@@ -17,6 +17,7 @@ __all__ = ["FrameAlignment", "align_points"]
 FloatArray = npt.NDArray[np.float64]
 
 _LEAST_POINTS = 20
+_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -44,34 +45,36 @@ def align_points(
 
     Generalised ICP (Segal, Haehnel, Thrun, RSS 2009) of small_gicp, from each of ``starts``, poses T_match_query (the
     identity when there are none); the one that ends with the most overlap counts. voxel_m: to which both are thinned
-    first. reach_m: how far apart points may be matched; overlap counts those within half of it. None when neither start
-    converges, or too few points are left. Raises DataError for what are no points or poses, SettingsError for lengths
-    that are not positive, MissingExtraError without small_gicp.
+    first. reach_m: how far apart points may be matched at first; a quarter of it in the end, and for the overlap, which
+    tells a good alignment from a bad one. None when too few points are left. Raises DataError for what are no points or
+    poses, SettingsError for lengths that are not positive, MissingExtraError without small_gicp.
     """
     if not (voxel_m > 0 and reach_m > 0 and np.isfinite([voxel_m, reach_m]).all()):
         raise SettingsError(f"align_points: expected lengths > 0, got {voxel_m} and {reach_m}")
     query, match = _points(query_xyz, "query"), _points(match_xyz, "match")
     first = check_poses(np.asarray(starts if len(starts) else [np.eye(4)], dtype=np.float64), "starts")
     gicp = _small_gicp()
-    source, source_tree = gicp.preprocess_points(query, downsampling_resolution=voxel_m, num_threads=1)
+    source, _ = gicp.preprocess_points(query, downsampling_resolution=voxel_m, num_threads=1)
     target, target_tree = gicp.preprocess_points(match, downsampling_resolution=voxel_m, num_threads=1)
     if min(source.size(), target.size()) < _LEAST_POINTS:
         return None
     found: list[FrameAlignment] = []
     for start in first:
-        result = gicp.align(
-            target,
-            source,
-            target_tree,
-            start,
-            registration_type="GICP",
-            max_correspondence_distance=reach_m,
-            num_threads=1,
-            max_iterations=40,
-        )
-        T = np.array(result.T_target_source, dtype=np.float64)
-        if result.converged and np.isfinite(T).all():
-            found.append(_measured(T, source.points()[:, :3], target.points()[:, :3], reach_m / 2))
+        T = start
+        for reach in (reach_m, reach_m / 4):
+            result = gicp.align(
+                target,
+                source,
+                target_tree,
+                T,
+                registration_type="GICP",
+                max_correspondence_distance=reach,
+                num_threads=1,
+                max_iterations=_ITERATIONS,
+            )
+            T = np.array(result.T_target_source, dtype=np.float64)
+        if np.isfinite(T).all():
+            found.append(_measured(T, source.points()[:, :3], target.points()[:, :3], reach_m / 4))
     return max(found, key=lambda alignment: alignment.overlap, default=None)
 
 

@@ -172,6 +172,6 @@ def inverse_pose(T: npt.ArrayLike) -> FloatArray:
 
 
 def _pose(T: npt.ArrayLike, name: str) -> FloatArray:
-    checked = check_poses(np.array(T, dtype=np.float64)[None], name)[0]
+    checked: FloatArray = check_poses(np.array(T, dtype=np.float64)[None], name)[0]
     checked.setflags(write=False)
     return checked

@@ -41,8 +41,8 @@ def optimize_pose_graph(graph: PoseGraph, *, loss: Loss = "gnc", max_iterations:
 
     loss: of the loops; odometry always counts by squares. 'gnc' is graduated non-convexity over truncated squares
     (Yang, Antonante, Tzoumas, Carlone, RA-L 2020), which takes or drops each loop; 'cauchy' and 'huber' weigh them
-    down; 'squared' trusts all. Raises MissingExtraError without GTSAM, SettingsError for another loss or a graph without
-    edges, ConvergenceError when the optimiser ends with poses that are not finite.
+    down; 'squared' trusts all. Raises MissingExtraError without GTSAM, SettingsError for another loss or a graph
+    without edges, ConvergenceError when the optimiser ends with poses that are not finite.
     """
     if loss not in get_args(Loss):
         raise SettingsError(f"loss: expected one of {', '.join(get_args(Loss))}, got {loss!r}")
