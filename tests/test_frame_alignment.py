@@ -9,8 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from depthprint.errors import DataError, MissingExtraError, SettingsError
-from depthprint.frame_alignment import align_points
+from depthprint.frame_alignment import align_frames, align_points
+from depthprint.place_methods import load_shipped_encoder
 from depthprint.pose_graph import inverse_pose
+from depthprint.projection import Spherical
+from depthprint.range_image import RangeImage
+from synthetic import boxes
 
 
 def room(seed: int, n: int = 4000) -> np.ndarray:
@@ -95,3 +99,39 @@ def test_without_small_gicp_the_pip_line_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'depthprint\[slam\]'"):
         align_points(room(1), room(1))
+
+
+def lidar(seed: int, turn_deg: float) -> RangeImage:
+    """What a spinning sensor in the middle of a room sees, turned to the left."""
+    spinning = Spherical(width=360, height=24, elevation_min_rad=-0.4, elevation_max_rad=0.3)
+    points = seen_from(4 * room(seed, 60000) - (0, 0, 2.0), motion(0, 0, turn_deg), seed)
+    return RangeImage.from_points(points, spinning, sensor_height_m=2.0)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0, -120.0])
+def test_the_shift_of_a_full_circle_says_how_far_the_sensor_has_turned(turn_deg):
+    encoder = load_shipped_encoder("lidar")
+    index = encoder.make_index()
+    index.add(encoder.describe(lidar(5, 0.0)).signatures)
+    (match,) = index.query(encoder.describe(lidar(5, turn_deg)).signatures)
+    yaw_deg = np.degrees(encoder.yaw_of_shift(encoder.shift_sectors()[match.shift_index]))
+    assert (yaw_deg - turn_deg + 180) % 360 - 180 == pytest.approx(0, abs=15)
+    assert encoder.yaw_of_shift(None) == 0
+    assert load_shipped_encoder("street").yaw_of_shift(3.0) == 0
+
+
+def test_frames_are_aligned_from_the_turn_that_was_seen():
+    pytest.importorskip("small_gicp")
+    query, match = lidar(5, 120.0), lidar(5, 0.0)
+    found = align_frames(query, match, np.radians(110.0))
+    np.testing.assert_allclose(found.T_match_query[:3, :3], motion(0, 0, 120.0)[:3, :3], atol=0.01)
+    assert align_frames(query, match, np.radians(110.0), least_overlap=0.999) is None
+    near = align_frames(boxes(1, shift=1), boxes(1))
+    assert near.overlap > 0.5
+    assert np.linalg.norm(near.T_match_query[:3, 3]) < 0.5
+    with pytest.raises(SettingsError, match="yaw_rad"):
+        align_frames(query, match, np.nan)
+    with pytest.raises(SettingsError, match="least_overlap"):
+        align_frames(query, match, least_overlap=2.0)
+    with pytest.raises(DataError, match="at least one return"):
+        align_frames(query.replace(ranges_m=np.full(query.shape, np.nan, dtype=np.float32)), match)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,11 +12,16 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, MissingExtraError, SettingsError
 from depthprint.io.poses import check_poses
+from depthprint.range_image import RangeImage
+from depthprint.voxels import voxel_points
 
-__all__ = ["FrameAlignment", "align_points"]
+__all__ = ["FrameAlignment", "align_frames", "align_points"]
 
 FloatArray = npt.NDArray[np.float64]
 
+# Voxels grow with what is seen: 0.4 m on a street seen 16 m away, 5 cm in a room.
+_VOXEL_SHARE, _LEAST_VOXEL_M = 0.025, 0.05
+_REACH_VOXELS = 8
 _LEAST_POINTS = 20
 _ITERATIONS = 30
 
@@ -31,6 +37,33 @@ class FrameAlignment:
     T_match_query: FloatArray
     inliers: int
     overlap: float
+
+
+def align_frames(
+    query: RangeImage, match: RangeImage, yaw_rad: float = 0.0, *, least_overlap: float = 0.5
+) -> FrameAlignment | None:
+    """Align two frames of one place; None where less than ``least_overlap`` of either agrees with the other.
+
+    yaw_rad: turn of T_match_query about 'up' to start from. Points are thinned to voxels whose side grows with the
+    median range. Raises SettingsError for a turn that is not finite or a share outside 0..1, and as ``align_points``.
+    """
+    if not math.isfinite(yaw_rad) or not 0 <= least_overlap <= 1:
+        raise SettingsError(
+            f"align_frames: expected a finite yaw_rad and least_overlap in 0..1, got {yaw_rad}, {least_overlap}"
+        )
+    R = query.projection.R_flu_sensor
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    start = np.eye(4)
+    start[:3, :3] = R.T @ np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)]) @ R
+    voxel_m = max(_LEAST_VOXEL_M, _VOXEL_SHARE * float(np.nanmedian(query.require_returns().ranges_m)))
+    found = align_points(
+        voxel_points(query, voxel_m),
+        voxel_points(match, voxel_m),
+        [start],
+        voxel_m=voxel_m,
+        reach_m=_REACH_VOXELS * voxel_m,
+    )
+    return found if found is not None and found.overlap >= least_overlap else None
 
 
 def align_points(

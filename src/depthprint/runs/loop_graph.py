@@ -11,20 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import MissingExtraError
-from depthprint.frame_alignment import FrameAlignment, align_points
+from depthprint.frame_alignment import align_frames
 from depthprint.io.poses import write_kitti_poses, write_tum_poses
 from depthprint.pose_graph import Edge, EdgeNoise, graph_from_odometry, write_g2o
-from depthprint.voxels import voxel_points
 
 if TYPE_CHECKING:
     from depthprint.datasets.base import RangeSequence
     from depthprint.encoder import Encoder
     from depthprint.evaluation.loops import LoopRecord
-    from depthprint.range_image import RangeImage
     from depthprint.run_folder import RunFolder
     from depthprint.runs.stages import Stages
 
-__all__ = ["LOOP_NOISE", "align_loop", "step_noises", "write_loop_graph"]
+__all__ = ["LOOP_NOISE", "step_noises", "write_loop_graph"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,10 +30,6 @@ FloatArray = npt.NDArray[np.float64]
 LOOP_NOISE = EdgeNoise(translation_m=0.2, rotation_rad=math.radians(1.0))
 # Odometry of unknown make: one percent of the way and half a degree a metre, never better than a centimetre.
 _STEP_SHARE, _STEP_RAD_PER_M, _LEAST = 0.01, math.radians(0.5), EdgeNoise(0.01, math.radians(0.05))
-# Of the points of either frame that the other must confirm.
-_LEAST_OVERLAP = 0.5
-# Voxels grow with what is seen: 0.4 m on a street seen 15 m away, 5 cm in a room.
-_VOXEL_SHARE, _LEAST_VOXEL_M = 0.025, 0.05
 
 
 def write_loop_graph(
@@ -76,38 +70,15 @@ def step_noises(poses: FloatArray) -> list[EdgeNoise]:
     ]
 
 
-def align_loop(query: RangeImage, match: RangeImage, yaw_rad: float = 0.0) -> FrameAlignment | None:
-    """Align two frames of a loop, from no motion and from a turn; None where their points do not agree.
-
-    yaw_rad: turn of T_match_query about 'up' that the recogniser saw. Raises MissingExtraError without small_gicp.
-    """
-    R = query.projection.R_flu_sensor
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    turned = np.eye(4)
-    turned[:3, :3] = R.T @ np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)]) @ R
-    voxel_m = max(_LEAST_VOXEL_M, _VOXEL_SHARE * float(np.nanmedian(query.ranges_m)))
-    found = align_points(
-        voxel_points(query, voxel_m),
-        voxel_points(match, voxel_m),
-        [np.eye(4)] if yaw_rad == 0 else [turned],
-        voxel_m=voxel_m,
-        reach_m=8 * voxel_m,
-    )
-    return found if found is not None and found.overlap >= _LEAST_OVERLAP else None
-
-
 def _loop_edges(
     sequence: RangeSequence, encoder: Encoder, loops: Sequence[LoopRecord], stages: Stages
 ) -> list[Edge] | None:
     progress = stages("align loops")
-    polar = encoder.settings.polar
-    circle = polar.full_circle and encoder.settings.streams[0].view == "polar"
     edges = []
     for done, loop in enumerate(loops):
-        # A bird's-eye view counts its sectors clockwise, and the shift moves the query's.
-        yaw_rad = -2 * math.pi * loop.shift / polar.sectors if circle and loop.shift is not None else 0.0
+        yaw_rad = encoder.yaw_of_shift(loop.shift)
         try:
-            found = align_loop(sequence[loop.query], sequence[loop.match], yaw_rad)
+            found = align_frames(sequence[loop.query], sequence[loop.match], yaw_rad)
         except MissingExtraError as error:
             logging.getLogger("depthprint").warning("graph.g2o holds no loops: %s", error)
             return None

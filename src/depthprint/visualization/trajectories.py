@@ -15,7 +15,7 @@ from depthprint.visualization._style import COLORS, drawing, titled
 __all__ = ["draw_trajectories"]
 
 _TRUE_PATH, _DRIFTED, _CORRECTED = "0.6", COLORS[1], COLORS[0]
-_RIGHT, _WRONG = COLORS[2], COLORS[6]
+_RIGHT, _WRONG = COLORS[2], "#CC0000"
 
 
 def draw_trajectories(
@@ -30,15 +30,17 @@ def draw_trajectories(
     data: str = "",
     simulated: bool = False,
 ) -> Path:
-    """Draw paths (n, 2), metres: odometry on the left, corrected on the right, both over the true one; errors below.
+    """Draw paths (n, 2), metres, that start together: odometry left, corrected right, over the true one; errors below.
 
-    loops: (m, 2) frames that loops join, drawn on the odometry; right: (m,) whether each joins places that are one.
-    errors_m: absolute error of 'odometry' and 'corrected', for the titles. Returns the path written. Raises DataError
-    for paths of other shapes, loops beyond them, and missing errors.
+    loops: (m, 2) frames that loops join; right: (m,) whether each joins places that are one. errors_m: absolute
+    trajectory error of 'odometry' and of 'corrected', for the titles. Returns the path written. Raises DataError for
+    paths of other shapes or not finite, loops beyond them, and missing errors.
     """
     paths = [np.asarray(p, dtype=np.float64) for p in (true_m, drifted_m, corrected_m)]
     if any(p.shape != paths[0].shape or p.ndim != 2 or p.shape[1] != 2 for p in paths):
         raise DataError(f"trajectories: expected three paths (n, 2), got {[p.shape for p in paths]}")
+    if not all(np.isfinite(p).all() for p in paths):
+        raise DataError("trajectories: expected finite paths, got NaN or infinity")
     loops, right = np.asarray(loops, dtype=np.int64).reshape(-1, 2), np.asarray(right, dtype=np.bool_)
     if len(right) != len(loops) or (loops.size and not 0 <= loops.min() <= loops.max() < len(paths[0])):
         raise DataError(
@@ -47,30 +49,37 @@ def draw_trajectories(
     if not {"odometry", "corrected"} <= errors_m.keys():
         raise DataError(f"trajectories: expected errors of odometry and corrected, got {sorted(errors_m)}")
     true, drifted, corrected = paths
-    frames = np.arange(len(true))
-    with drawing(path, 12.0, 8.2) as figure:
-        grid = figure.add_gridspec(2, 2, height_ratios=[3.2, 1.0])
+    everything = np.concatenate(paths)
+    wide, tall = np.ptp(everything, axis=0) + 1e-9
+    map_in = float(np.clip(5.6 * tall / wide, 2.5, 7.0))
+    with drawing(path, 12.0, map_in + 3.6) as figure:
+        grid = figure.add_gridspec(2, 2, height_ratios=[map_in, 1.8])
         left = figure.add_subplot(grid[0, 0])
-        _draw_path(left, true, drifted, "odometry", _DRIFTED)
-        _draw_loops(left, drifted, loops, right)
-        left.set_title(f"Odometry alone: off by {errors_m['odometry']:.2f} m (ATE RMSE)")
-        middle = figure.add_subplot(grid[0, 1], sharex=left, sharey=left)
-        _draw_path(middle, true, corrected, "with loops", _CORRECTED)
-        _draw_loops(middle, corrected, loops, right)
-        middle.set_title(f"With {len(loops)} loops closed: off by {errors_m['corrected']:.2f} m")
+        right_side = figure.add_subplot(grid[0, 1], sharex=left, sharey=left)
+        for axes, positions, label, color in (
+            (left, drifted, "odometry", _DRIFTED),
+            (right_side, corrected, "corrected", _CORRECTED),
+        ):
+            _draw_path(axes, true, positions, label, color)
+            _draw_loops(axes, positions, loops, right)
+        left.set_title(f"Odometry alone: ATE {errors_m['odometry']:.2f} m")
+        right_side.set_title(f"{len(loops)} loops closed: ATE {errors_m['corrected']:.2f} m")
         below = figure.add_subplot(grid[1, :])
         for positions, label, color in (
             (drifted, "odometry", _DRIFTED),
-            (corrected, "with loops", _CORRECTED),
+            (corrected, "corrected", _CORRECTED),
         ):
-            below.plot(frames, np.linalg.norm(positions - true, axis=1), color=color, lw=1.6, label=label)
-        for _, second in loops[right].tolist():
-            below.plot([second], [0], "|", color=_RIGHT, ms=7, zorder=3)
-        below.set(xlabel="frame", ylabel="error of position (m)", xlim=(0, len(true) - 1))
+            below.plot(np.linalg.norm(positions - true, axis=1), color=color, lw=1.6, label=label)
+        if len(loops):
+            ends = loops.max(axis=1)
+            below.plot(
+                ends, np.zeros(len(ends)), "|", color=_RIGHT, ms=9, mew=1.2, label="loop closed", zorder=3
+            )
+        below.set(xlabel="frame", ylabel="off the true path (m)", xlim=(0, len(true) - 1))
         below.set_ylim(bottom=0)
         below.grid(color="0.93")
-        below.legend(loc="upper left", ncols=2)
-        figure.suptitle(titled("Loops found by depth correct the drift of odometry", data, simulated))
+        below.legend(loc="upper left", ncols=3)
+        figure.suptitle(titled("Loops found by depth alone take the drift out of odometry", data, simulated))
     return Path(path)
 
 
@@ -91,15 +100,13 @@ def _draw_loops(
 ) -> None:
     from matplotlib.collections import LineCollection
 
-    for chosen, color, label, zorder in ((right, _RIGHT, "right loop", 2), (~right, _WRONG, "wrong loop", 5)):
+    for chosen, color, width, label in (
+        (right, _RIGHT, 1.0, "right loop"),
+        (~right, _WRONG, 2.0, "wrong loop"),
+    ):
         if chosen.any():
             lines = LineCollection(
-                list(path[loops[chosen]]),
-                colors=color,
-                lw=1.0,
-                alpha=0.8,
-                zorder=zorder,
-                label=f"{label} ({chosen.sum()})",
+                list(path[loops[chosen]]), colors=color, lw=width, zorder=4, label=f"{label} ({chosen.sum()})"
             )
             axes.add_collection(lines)
-    axes.legend(loc="upper left", fontsize=9)
+    axes.legend(loc="best", fontsize=9)
