@@ -2,7 +2,7 @@
 
 Simulated odometry leads through a simulated town (a spinning LiDAR, a fifth of the parked cars redrawn between visits).
 The detector proposes loops by depth alone, their points are aligned, and GTSAM moves the poses to where odometry and
-loops agree. Written to the folder OUT: graph.g2o, trajectories in the forms of KITTI and TUM, errors.json, and the figure.
+loops agree. The folder OUT gets graph.g2o, trajectories in the forms of KITTI and TUM, errors.json, and the figure.
 
     pip install 'depthprint[slam]'
     python examples/close_loops_on_simulated_street.py OUT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from depthprint.errors import DataError, MissingExtraError, SettingsError
 from depthprint.evaluation.trajectory import absolute_trajectory_error
-from depthprint.loop_closure import LoopResult, LoopStatus
 from depthprint.pose_graph import (
     Edge,
     EdgeNoise,
@@ -25,13 +25,22 @@ from depthprint.pose_graph import (
     read_g2o,
     write_g2o,
 )
-from depthprint.recognizer import PlaceMatch
 from depthprint.simulation.odometry import OdometryNoise, simulate_odometry
 
 STEP = EdgeNoise(0.05, 0.01)
 LOOP = EdgeNoise(0.02, 0.005)
 # No error of scale: on a circle that is driven twice no loop can tell it.
 DRIFT = OdometryNoise(translation=0.01, heading_rad=0.005, scale=0.0, heading_bias_rad=0.001)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What the graph asks of a detector's result."""
+
+    query: int
+    match: int | None
+    accepted: bool
+    T_match_query: np.ndarray | None = None
 
 
 def some_poses(n: int, seed: int = 0) -> np.ndarray:
@@ -89,13 +98,7 @@ def test_the_noise_of_each_step_may_differ():
 
 def test_only_accepted_loops_with_a_relative_pose_become_edges():
     T = some_poses(1, seed=4)[0]
-    match = (PlaceMatch(1, 0.1),)
-    results = [
-        LoopResult(0, LoopStatus.TOO_FEW_PLACES),
-        LoopResult(3, LoopStatus.ACCEPTED, match, 0.5),
-        LoopResult(4, LoopStatus.ACCEPTED, match, 0.5, T_match_query=T, inliers=90, overlap=0.7),
-        LoopResult(5, LoopStatus.ABOVE_THRESHOLD, match, 0.05, T_match_query=T),
-    ]
+    results = [Loop(0, None, False), Loop(3, 1, True), Loop(4, 1, True, T), Loop(5, 1, False, T)]
     graph = graph_from_odometry(some_poses(6), STEP).with_loops(results, LOOP)
     assert [(e.first, e.second) for e in graph.loops] == [(1, 4)]
     np.testing.assert_array_equal(graph.loops[0].T_first_second, T)

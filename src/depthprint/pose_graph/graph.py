@@ -5,17 +5,37 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.io.poses import check_poses
-from depthprint.loop_closure import LoopResult
 
-__all__ = ["Edge", "EdgeNoise", "Node", "PoseGraph", "graph_from_odometry", "inverse_pose"]
+__all__ = ["Edge", "EdgeNoise", "MeasuredLoop", "Node", "PoseGraph", "graph_from_odometry", "inverse_pose"]
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class MeasuredLoop(Protocol):
+    """What of a detector's result, a ``LoopResult`` say, makes an edge."""
+
+    @property
+    def query(self) -> int:
+        """Number of the frame as a place."""
+
+    @property
+    def match(self) -> int | None:
+        """The place that it was found at."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether a loop was closed."""
+
+    @property
+    def T_match_query(self) -> FloatArray | None:
+        """(4, 4) pose of the query's sensor in the frame of the match's, where it was measured."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +136,7 @@ class PoseGraph:
         """The graph with these edges added."""
         return PoseGraph(self.nodes, (*self.edges, *edges))
 
-    def with_loops(self, results: Iterable[LoopResult], noise: EdgeNoise) -> PoseGraph:
+    def with_loops(self, results: Iterable[MeasuredLoop], noise: EdgeNoise) -> PoseGraph:
         """The graph with an edge for each accepted loop whose T_match_query was measured; others are left out.
 
         A node is numbered as its place. Raises DataError for a loop between places that are no nodes.
