@@ -62,8 +62,8 @@ def draw_trajectories(
         ):
             _draw_path(axes, true, positions, label, color)
             _draw_loops(axes, positions, loops, right)
-        left.set_title(f"Odometry alone: ATE {errors_m['odometry']:.2f} m")
-        right_side.set_title(f"{len(loops)} loops closed: ATE {errors_m['corrected']:.2f} m")
+        left.set_title(f"Odometry alone: ATE RMSE {errors_m['odometry']:.2f} m")
+        right_side.set_title(f"{len(loops)} loops closed: ATE RMSE {errors_m['corrected']:.2f} m")
         below = figure.add_subplot(grid[1, :])
         for positions, label, color in (
             (drifted, "odometry", _DRIFTED),
@@ -101,8 +101,8 @@ def _draw_loops(
     from matplotlib.collections import LineCollection
 
     for chosen, color, width, label in (
-        (right, _RIGHT, 1.0, "right loop"),
-        (~right, _WRONG, 2.0, "wrong loop"),
+        (right, _RIGHT, 1.0, "true loop"),
+        (~right, _WRONG, 2.0, "false loop"),
     ):
         if chosen.any():
             lines = LineCollection(
