@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     )
     from depthprint.loop_closure import LoopClosureDetector, LoopResult, LoopStatus
     from depthprint.object_methods import make_object_method
+    from depthprint.place_database import PlaceDatabase
     from depthprint.place_methods import load_shipped_encoder, make_place_recognizer
     from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
     from depthprint.range_image import RangeImage
@@ -73,6 +74,7 @@ __all__ = [
     "ObjectSet",
     "ObjectView",
     "Pinhole",
+    "PlaceDatabase",
     "PlaceMatch",
     "PlaceRecognizer",
     "Projection",
@@ -116,6 +118,7 @@ _HOMES = {
     ),
     "depthprint.loop_closure": ("LoopClosureDetector", "LoopResult", "LoopStatus"),
     "depthprint.object_methods": ("make_object_method",),
+    "depthprint.place_database": ("PlaceDatabase",),
     "depthprint.place_methods": ("load_shipped_encoder", "make_place_recognizer"),
     "depthprint.projection": ("LaserRow", "Pinhole", "Projection", "Spherical"),
     "depthprint.range_image": ("RangeImage",),

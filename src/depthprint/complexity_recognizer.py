@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
+from depthprint.encoding_arrays import pack_encoding, unpack_encoding
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 
@@ -52,3 +56,16 @@ class ComplexityRecognizer:
         index = self.encoder.make_index()
         index.add(second.signatures)
         return float(index.distances(first.signatures, relaxed=self._relaxed)[0])
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the encoder."""
+        return self.encoder.fingerprint
+
+    def pack(self, description: Encoding) -> dict[str, npt.NDArray[Any]]:
+        """Arrays of an encoding, for a place database."""
+        return pack_encoding(description)
+
+    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Encoding:
+        """The encoding that ``pack`` took apart."""
+        return unpack_encoding(arrays, self.encoder.fingerprint)

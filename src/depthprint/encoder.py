@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -147,6 +148,14 @@ class Encoder:
             step = max(1, self.settings.streams[0].stride)
             return list(range(0, polar.sectors, step))
         return sorted(range(-self.settings.max_shift, self.settings.max_shift + 1), key=abs)
+
+    def yaw_of_shift(self, shift: float | None) -> float:
+        """Turn of T_match_query about 'up', radians, that a match's shift stands for; 0 but for a full circle."""
+        polar = self.settings.polar
+        if shift is None or not polar.full_circle or self.settings.streams[0].view != "polar":
+            return 0.0
+        # Sectors are counted clockwise, and the shift moves the query's.
+        return -2 * math.pi * shift / polar.sectors
 
     def save(self, path: Path | str) -> Path:
         """Write the model to one file, without pickle; the file appears whole or not at all."""

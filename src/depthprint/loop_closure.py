@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.errors import ConvergenceError, DataError, ModelError, SettingsError
+from depthprint.errors import ConvergenceError, DataError, FingerprintError, ModelError, SettingsError
+from depthprint.place import Place, checked_pose
 from depthprint.range_image import RangeImage
-from depthprint.recognizer import PlaceMatch, PlaceRecognizer
+from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
+
+if TYPE_CHECKING:
+    from depthprint.place_database import PlaceDatabase
 
 __all__ = ["LoopClosureDetector", "LoopResult", "LoopStatus", "Place", "calibrate_threshold"]
 
@@ -28,22 +32,14 @@ class LoopStatus(Enum):
 
 
 @dataclass(frozen=True)
-class Place:
-    """A stored place: its number, stamp, pose T_world_sensor (4, 4) float64, and where it came from."""
-
-    number: int
-    stamp_s: float | None = None
-    T_world_sensor: npt.NDArray[np.float64] | None = None
-    source: str = ""
-
-
-@dataclass(frozen=True)
 class LoopResult:
     """Answer to one query, whatever it is.
 
     query: number that the frame has, or would have, as a place. status: what became of it.
     matches: proposed places, best first, accepted or not. threshold: the one in force, or None.
     candidates: how many places were old enough to be compared.
+    T_match_query: (4, 4) pose of the query's sensor in the frame of the match's, where it was measured, else None;
+    inliers, overlap: how many points, and what share, of the two frames it brought together.
     """
 
     query: int
@@ -53,6 +49,9 @@ class LoopResult:
     candidates: int = 0
     exclusion_gap: int = 0
     min_places: int = 1
+    T_match_query: npt.NDArray[np.float64] | None = None
+    inliers: int | None = None
+    overlap: float | None = None
 
     @property
     def match(self) -> int | None:
@@ -129,7 +128,10 @@ class LoopClosureDetector:
         many distances a frame, and keeps every description.
     false_positive_rate: share of pairs, see ``calibrate_threshold``; only with threshold None.
     min_places: places old enough that there must be before anything is compared.
-    Raises SettingsError for values out of range.
+    database: a map on disk. Its places are taken up first, in their order, as if they had been added here; each place
+        added from then on is committed to it before it can be queried.
+    Raises SettingsError for values out of range and for a recogniser whose places cannot be stored, FingerprintError
+    for a map of another model, DataError for a damaged one.
     """
 
     def __init__(
@@ -142,6 +144,7 @@ class LoopClosureDetector:
         false_positive_rate: float = 1e-3,
         calibration_pairs: int = 10,
         seed: int = 0,
+        database: PlaceDatabase | None = None,
     ) -> None:
         if exclusion_gap < 0 or min_places < 1 or calibration_pairs < 1:
             raise SettingsError(
@@ -164,6 +167,9 @@ class LoopClosureDetector:
         self._places: list[Place] = []
         self._descriptions: list[Any] = []
         self._far_distances: list[float] = []
+        self._map: tuple[PlaceDatabase, StorableRecognizer] | None = None
+        if database is not None:
+            self._take_up(database)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -249,21 +255,51 @@ class LoopClosureDetector:
         self, description: Any, image: RangeImage, pose: npt.ArrayLike | None, stamp: float | None
     ) -> int:
         number = len(self._places)
-        T_world_sensor = None if pose is None else _checked_pose(pose, number)
+        T_world_sensor = None if pose is None else checked_pose(pose, number)
+        stamp_s = image.stamp_s if stamp is None else float(stamp)
+        place = Place(number, stamp_s, T_world_sensor, image.source)
+        if self._map is None:
+            return self._store(place, description)
+        database, recognizer = self._map
+        arrays = recognizer.pack(description)
+        if database.voxel_m is not None:
+            from depthprint.voxels import voxel_points
+
+            arrays.setdefault("points_xyz", voxel_points(image, database.voxel_m))
+        # The place is committed only once the recogniser has taken it, so that neither holds one more than the other.
+        with database.transaction():
+            database.add(place, arrays)
+            return self._store(place, description)
+
+    def _store(self, place: Place, description: Any) -> int:
         calibrating = self._fixed_threshold is None
-        sampled = self._sample_far_distances(description, number) if calibrating else []
+        sampled = self._sample_far_distances(description, place.number) if calibrating else []
         stored = self.recognizer.add(description)
-        if stored != number:
+        if stored != place.number:
             raise ModelError(
-                f"frame {number}: the recogniser stored it as place {stored}; the detector needs one "
+                f"frame {place.number}: the recogniser stored it as place {stored}; the detector needs one "
                 "that is empty at its start and that nothing else adds to"
             )
         if calibrating:
             self._far_distances.extend(sampled)
             self._descriptions.append(description)
-        stamp_s = image.stamp_s if stamp is None else float(stamp)
-        self._places.append(Place(number, stamp_s, T_world_sensor, image.source))
-        return number
+        self._places.append(place)
+        return place.number
+
+    def _take_up(self, database: PlaceDatabase) -> None:
+        recognizer = self.recognizer
+        if not isinstance(recognizer, StorableRecognizer):
+            raise SettingsError(
+                f"LoopClosureDetector: the places of a {type(recognizer).__name__} cannot be kept in a database"
+            )
+        if recognizer.fingerprint != database.fingerprint:
+            raise FingerprintError(
+                f"{database.path}: expected a map made by model {recognizer.fingerprint}, "
+                f"got one of {database.fingerprint}"
+            )
+        for stored in database:
+            self._store(stored.place, recognizer.unpack(stored.arrays))
+        self._map = database, recognizer
 
     def _sample_far_distances(self, description: Any, number: int) -> list[float]:
         far = number - self.exclusion_gap
@@ -282,11 +318,3 @@ class LoopClosureDetector:
             raise ConvergenceError(
                 f"frame {len(self._places)}: the recogniser's distance to place {place} is {distance}"
             )
-
-
-def _checked_pose(pose: npt.ArrayLike, number: int) -> npt.NDArray[np.float64]:
-    T_world_sensor = np.array(pose, dtype=np.float64)
-    if T_world_sensor.shape != (4, 4) or not np.isfinite(T_world_sensor).all():
-        raise DataError(f"frame {number}: expected a finite pose (4, 4), got shape {T_world_sensor.shape}")
-    T_world_sensor.setflags(write=False)
-    return T_world_sensor

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
+
+import numpy.typing as npt
 
 from depthprint.range_image import RangeImage
 
-__all__ = ["PlaceMatch", "PlaceRecognizer"]
+__all__ = ["PlaceMatch", "PlaceRecognizer", "StorableRecognizer"]
 
 
 @dataclass(frozen=True)
@@ -41,3 +43,18 @@ class PlaceRecognizer(Protocol):
 
     def distance(self, first: Any, second: Any) -> float:
         """Distance of two descriptions: what ``query`` minimises."""
+
+
+@runtime_checkable
+class StorableRecognizer(PlaceRecognizer, Protocol):
+    """A PlaceRecognizer whose descriptions can be kept in a place database."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Names the model; descriptions of equal fingerprints compare."""
+
+    def pack(self, description: Any) -> dict[str, npt.NDArray[Any]]:
+        """Take a description apart into named arrays of numbers."""
+
+    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Any:
+        """Put together what ``pack`` took apart, bit for bit; other arrays are left alone."""

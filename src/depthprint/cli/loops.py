@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -27,6 +28,12 @@ def loops(
         ),
     ] = None,
     gap: o.Gap = None,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(
+            "--odometry", metavar="FILE", help="Odometry poses for graph.g2o; the poses of DATA when absent."
+        ),
+    ] = None,
     poses: o.Poses = None,
     seed: o.Seed = 0,
     cars_redrawn: o.CarsRedrawn = 0.2,
@@ -39,6 +46,14 @@ def loops(
     source = DataSource(data, dataset, sequence, every, seed, poses, cars_redrawn, sensor)
     with progress_bars() as stages:
         run = run_loops(
-            source, out, preset=preset, model=model, threshold=threshold, gap=gap, seed=seed, stages=stages
+            source,
+            out,
+            preset=preset,
+            model=model,
+            threshold=threshold,
+            gap=gap,
+            odometry=odometry,
+            seed=seed,
+            stages=stages,
         )
     print_run(run)

@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 
 from depthprint._version import __version__
 from depthprint.cli import classify, demo, encode, evaluate, explain, info, loops, simulate, train
+from depthprint.cli import map as map_verbs
 from depthprint.errors import DepthprintError
 
 __all__ = ["app", "main"]
@@ -66,6 +67,7 @@ app.command("classify")(classify.classify)
 app.command("train")(train.train)
 app.command("encode")(encode.encode)
 app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(map_verbs.app, name="map")
 app.command("simulate")(simulate.simulate)
 app.command("explain")(explain.explain)
 app.command("info")(info.info)

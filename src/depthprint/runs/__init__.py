@@ -9,7 +9,9 @@ from depthprint.runs.evaluate import run_evaluate_loops, run_evaluate_objects
 from depthprint.runs.explain import ExplainedStream, Explanation, run_explain
 from depthprint.runs.found_loops import FoundLoops
 from depthprint.runs.info import describe_file, describe_installation
+from depthprint.runs.localise import run_map_localise
 from depthprint.runs.loops import run_loops
+from depthprint.runs.maps import MapSummary, run_map_build, run_map_info, run_map_merge
 from depthprint.runs.simulate import SimulatedRecording, run_simulate
 from depthprint.runs.source import DataSource
 from depthprint.runs.stages import ProgressCallback, RunSummary, Stages, silent
@@ -22,6 +24,7 @@ __all__ = [
     "ExplainedStream",
     "Explanation",
     "FoundLoops",
+    "MapSummary",
     "NearClass",
     "ProgressCallback",
     "RunSummary",
@@ -38,6 +41,10 @@ __all__ = [
     "run_evaluate_objects",
     "run_explain",
     "run_loops",
+    "run_map_build",
+    "run_map_info",
+    "run_map_localise",
+    "run_map_merge",
     "run_simulate",
     "run_train",
     "silent",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthprint.datasets.base import RangeSequence
 from depthprint.errors import DataError, SettingsError
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from depthprint.encoder import Encoder
     from depthprint.evaluation.ground_truth import TruthMatrix
     from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
+    from depthprint.range_image import RangeImage
 
 __all__ = ["run_loops", "sample_distances", "truth_with_gap"]
 
@@ -38,23 +40,29 @@ def run_loops(
     model: Path | None = None,
     threshold: float | None = None,
     gap: int | None = None,
+    odometry: Path | None = None,
     seed: int = 0,
     stages: Stages = silent,
 ) -> RunSummary:
     """Compare each frame with those more than ``gap`` frames older, and write loops, scores and figures to ``out``.
 
     A match is a loop when its distance is at most ``threshold``; None sets it by ``background_threshold``. With poses
-    the loops are scored by the query-wise protocol; without, results.json holds none. Raises DataError when the
+    the loops are scored by the query-wise protocol; without, results.json holds none. A pose graph and trajectories are
+    made of ``odometry``, a pose file, or else of the poses, for whoever optimises them. Raises DataError when the
     recording is too short for the gap, and as its parts do; the folder appears only when all ended well.
     """
     from depthprint.evaluation.loops import evaluate_loops
     from depthprint.place_methods import make_place_recognizer
     from depthprint.run_folder import RunFolder
     from depthprint.runs.loop_figures import draw_loop_figures
+    from depthprint.runs.loop_graph import write_loop_graph
 
     if threshold is not None and not math.isfinite(threshold):
         raise SettingsError(f"threshold: expected a finite distance, got {threshold}")
     sequence = truth_with_gap(source.open(stages("make the world")), gap)
+    path = sequence.poses if odometry is None else _odometry(odometry, len(sequence))
+    stamps = _Stamps(sequence)
+    sequence = replace(sequence, read=stamps.read)
     encoder = require_model(model, preset, sequence.preset)
     settings = {
         "data": source.settings(),
@@ -63,6 +71,7 @@ def run_loops(
         "fingerprint": encoder.fingerprint,
         "gap": sequence.truth.gap,
         "threshold": threshold,
+        "odometry": None if odometry is None else str(odometry),
         "encoder": encoder.settings.model_dump(mode="json"),
     }
     with RunFolder(out, settings, seed=seed) as run:
@@ -74,6 +83,10 @@ def run_loops(
         sample = sample_distances(sequence, encoder, stages)
         found = _decide(evaluation.methods[0].records, threshold, sample, sequence.truth.gap)
         results = _report(sequence, evaluation, found, settings)
+        if path is not None:
+            results["graph"] = write_loop_graph(
+                run, sequence, encoder, found.loops, path, stamps.all_s, stages
+            )
         run.write_json("results.json", results)
         run.write_csv("loops.csv", *_rows(found, scored=sequence.poses is not None))
         drawn = draw_loop_figures(run, sequence, encoder, evaluation, found, sample)
@@ -99,6 +112,29 @@ def truth_with_gap(sequence: RangeSequence, gap: int | None) -> RangeSequence:
             f"expected at least {sequence.truth.gap + 2} frames, or a smaller --gap"
         )
     return sequence
+
+
+def _odometry(path: Path, frames: int) -> npt.NDArray[np.float64]:
+    from depthprint.io.poses import read_poses
+
+    poses = read_poses(path)
+    if len(poses) != frames:
+        raise DataError(f"{path}: expected {frames} poses, one a frame, got {len(poses)}")
+    return poses
+
+
+class _Stamps:
+    """Reads a sequence's frames and keeps their stamps: the frames' own, or else their numbers."""
+
+    def __init__(self, sequence: RangeSequence) -> None:
+        self._read = sequence.read
+        self.all_s = [float(index) for index in range(len(sequence))]
+
+    def read(self, index: int) -> RangeImage:
+        image = self._read(index)
+        if image.stamp_s is not None:
+            self.all_s[index] = image.stamp_s
+        return image
 
 
 def _truth(sequence: RangeSequence, stages: Stages) -> TruthMatrix:
