@@ -152,6 +152,23 @@ class SignatureIndex:
         self.statistics = search.statistics()
         return best
 
+    def distances_of(
+        self, signatures: Sequence[Signature], items: IntArray, *, relaxed: bool = False
+    ) -> FloatArray:
+        """Exact distances (m,) of some items (m,), or lower bounds if ``relaxed``.
+
+        Raises as `query`, and DataError for an item that is not there.
+        """
+        chosen = np.asarray(items, dtype=np.int64)
+        if chosen.ndim != 1 or (len(chosen) and not 0 <= chosen.min() <= chosen.max() < len(self)):
+            raise DataError(f"distances_of: expected items (m,) among the {len(self)} there are")
+        sides = self._sides(signatures, right=False)
+        stores = [store.taken(chosen) for store in self._stores]
+        search = _Search(self.streams, self._shifts, stores, sides, len(chosen))
+        best = search.bounds.min(axis=1) if relaxed else search.all_exact()
+        self.statistics = search.statistics()
+        return best
+
     def _search(self, signatures: Sequence[Signature], limit: int | None) -> _Search:
         if limit is not None and limit < 0:
             raise SettingsError(f"query: expected limit >= 0, got {limit}")
@@ -207,6 +224,13 @@ class _Store:
         for array, value in zip(self.side[2:], item[2:], strict=True):
             array[self.count] = value[0]
         self.count += 1
+
+    def taken(self, items: IntArray) -> _Store:
+        """A store of some of the items."""
+        store = _Store.__new__(_Store)
+        store.fingerprint, store.dims, store.count = self.fingerprint, self.dims, len(items)
+        store.side = type(self.side)(*(array[items] for array in self.side))
+        return store
 
 
 def _empty_side(capacity: int, k: int, dims: int) -> Side:

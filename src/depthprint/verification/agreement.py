@@ -12,7 +12,7 @@ from depthprint.verification.depth_view import DepthView
 
 __all__ = ["ViewAgreement", "coarse_overlaps", "view_agreement"]
 
-_COARSE_POINTS = 200
+_COARSE_POINTS = 100
 _COARSE_SLACK = 2.0
 
 
@@ -62,7 +62,7 @@ def coarse_overlaps(
 ) -> npt.NDArray[np.float64]:
     """Share of a few of the query's points that the match confirms, for poses (m, 4, 4)."""
     points = query.counted[:: max(1, len(query.counted) // _COARSE_POINTS)]
-    counts = _counts(points, match, T_match_query, 1, _COARSE_SLACK)
+    counts = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
     return np.asarray(counts[:, 0] / max(1, len(points)))
 
 

@@ -24,26 +24,28 @@ class VerificationSettings:
     forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
     coarse_overlap: a start under this overlap is not refined. refined_starts: best starts that are.
     max_pairing_m: points further apart are no pair in the alignment. max_offset_m: a longer T_match_query is refused.
-    min_points: fewer aligned points are refused. min_overlap: least share confirmed, both ways.
+    min_points: fewer aligned points are refused. min_overlap: least share confirmed, both ways;
+        min_overlap_seconded: where a neighbouring frame was found at the same place.
     max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways.
     Raises SettingsError for values out of range.
     """
 
     columns: int = 160
     reach_m: float = 40.0
-    voxel_m: float = 0.4
+    voxel_m: float = 0.8
     tolerance: tuple[float, float, float] = (0.2, 0.0, 0.003)
     ground_clearance_m: float = 0.4
     forward_m: tuple[float, ...] = (0.0,)
     sideways_m: tuple[float, ...] = (0.0,)
     yaw_rad: tuple[float, ...] = (0.0,)
     pitch_rad: tuple[float, ...] = (0.0,)
-    coarse_overlap: float = 0.2
+    coarse_overlap: float = 0.3
     refined_starts: int = 2
     max_pairing_m: float = 1.5
     max_offset_m: float = 8.0
     min_points: int = 50
     min_overlap: float = 0.45
+    min_overlap_seconded: float = 0.35
     max_free_space_share: float = 0.35
 
     def __post_init__(self) -> None:
@@ -53,7 +55,7 @@ class VerificationSettings:
         for name in ("reach_m", "voxel_m", "max_pairing_m", "max_offset_m"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"VerificationSettings: expected {name} > 0, got {getattr(self, name)}")
-        for name in ("coarse_overlap", "min_overlap", "max_free_space_share"):
+        for name in ("coarse_overlap", "min_overlap", "min_overlap_seconded", "max_free_space_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise SettingsError(
                     f"VerificationSettings: expected {name} in [0, 1], got {getattr(self, name)}"
@@ -75,13 +77,14 @@ _CAMERA = VerificationSettings(
 _SPINNING = replace(
     _CAMERA,
     columns=360,
+    voxel_m=1.0,
     tolerance=(0.3, 0.01, 0.0),
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
 )
 _HAND_HELD = VerificationSettings(
     reach_m=8.0,
-    voxel_m=0.07,
+    voxel_m=0.13,
     tolerance=(0.04, 0.0, 0.006),
     forward_m=(0.0, -0.25, 0.25),
     yaw_rad=_degrees(0, -12, 12, -24, 24),

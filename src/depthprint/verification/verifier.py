@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.errors import DataError
+from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
 from depthprint.verification.agreement import coarse_overlaps, view_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
@@ -28,6 +28,10 @@ __all__ = ["GeometricVerifier", "Verification"]
 FloatArray = npt.NDArray[np.float64]
 
 _UNKNOWN_YAW_STEPS = 16
+# Starts whose matrices differ by less than this everywhere lead to the same pose.
+_BESIDE = 0.15
+# No other start is tried once the views agree this much.
+_CERTAIN = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,7 @@ class GeometricVerifier:
 
     def __init__(self, *, kiss_matcher: str = "never") -> None:
         if kiss_matcher not in ("fallback", "never"):
-            raise DataError(f"GeometricVerifier: expected 'fallback' or 'never', got {kiss_matcher!r}")
+            raise SettingsError(f"GeometricVerifier: expected 'fallback' or 'never', got {kiss_matcher!r}")
         self._kiss = kiss_matcher == "fallback" and kiss_matcher_installed()
         self._wanted_kiss = kiss_matcher == "fallback"
         self._scans = ScanAligner()
@@ -90,10 +94,12 @@ class GeometricVerifier:
         *,
         yaw_rad: float | None = 0.0,
         starts: Sequence[FloatArray] = (),
+        seconded: bool = False,
     ) -> Verification:
         """Check two views. ``yaw_rad``: turn of T_match_query by the descriptor, None for one that is not known.
 
         ``starts``: further poses T_match_query (4, 4) to refine, such as a neighbouring frame's.
+        ``seconded``: a neighbouring frame was found at this place, so that less overlap is enough.
         Raises DataError for views of different kinds of sensors, MissingExtraError.
         """
         if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
@@ -102,6 +108,7 @@ class GeometricVerifier:
                 f"{type(query.projection).__name__} and {type(match.projection).__name__}"
             )
         settings = match.settings
+        enough = settings.min_overlap_seconded if seconded else settings.min_overlap
         poses = self._grid(query, yaw_rad)
         if starts:
             poses = np.concatenate([np.stack(starts), poses])
@@ -114,25 +121,21 @@ class GeometricVerifier:
         found: Verification | None = None
         for start in order:
             pose = aligner.refine(query, match, poses[start])
-            tried = self._judge(query, match, pose, "given pose" if start < len(starts) else "coarse search")
+            origin = "given pose" if start < len(starts) else "coarse search"
+            tried = self._judge(query, match, pose, origin, enough)
             if found is None or _rank(tried) > _rank(found):
                 found = tried
-            if found.accepted and found.overlap > 0.5 + 0.5 * settings.min_overlap:
+            if found.accepted and found.overlap > _CERTAIN:
                 break
         if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
             start_pose = kiss_matcher_start(query, match)
             if start_pose is not None:
                 pose = aligner.refine(query, match, start_pose)
-                tried = self._judge(query, match, pose, "kiss-matcher")
+                tried = self._judge(query, match, pose, "kiss-matcher", enough)
                 found = max(found, tried, key=_rank)
         if found is None:
             raise DataError("verify: expected at least one start")
         return found
-
-    def refine(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> Verification:
-        """Align from one pose only, and judge the outcome."""
-        pose = self._aligner(query).refine(query, match, T_match_query)
-        return self._judge(query, match, pose, "given pose")
 
     def _grid(self, query: DepthView, yaw_rad: float | None) -> FloatArray:
         grid = pose_grid(query.settings, query.projection)
@@ -148,13 +151,15 @@ class GeometricVerifier:
             self._clouds = CloudAligner()
         return self._clouds
 
-    def _judge(self, query: DepthView, match: DepthView, pose: FloatArray, start: str) -> Verification:
+    def _judge(
+        self, query: DepthView, match: DepthView, pose: FloatArray, start: str, enough: float
+    ) -> Verification:
         there = view_agreement(query.counted, match, pose)
         back = view_agreement(match.counted, query, np.linalg.inv(pose))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
-        reason = _refusal(match.settings, pose, inliers, overlap, free)
+        reason = _refusal(match.settings, pose, inliers, overlap, free, enough)
         pose = np.array(pose, dtype=np.float64)
         pose.setflags(write=False)
         return Verification(
@@ -171,7 +176,7 @@ class GeometricVerifier:
 
 
 def _refusal(
-    settings: VerificationSettings, pose: FloatArray, inliers: int, overlap: float, free: float
+    settings: VerificationSettings, pose: FloatArray, inliers: int, overlap: float, free: float, enough: float
 ) -> str:
     """Why a pose is refused; empty when it is not."""
     offset_m = float(np.linalg.norm(pose[:3, 3]))
@@ -179,8 +184,8 @@ def _refusal(
         return f"{inliers} points have a partner, {settings.min_points} are needed"
     if offset_m > settings.max_offset_m:
         return f"the views would be {offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
-    if overlap < settings.min_overlap:
-        return f"{overlap:.0%} of the views agree, {settings.min_overlap:.0%} are needed"
+    if overlap < enough:
+        return f"{overlap:.0%} of the views agree, {enough:.0%} are needed"
     if free > settings.max_free_space_share:
         return f"{free:.0%} lie where the other view sees through, {settings.max_free_space_share:.0%} may"
     return ""
@@ -201,11 +206,9 @@ def _spread_best(poses: FloatArray, overlaps: FloatArray, count: int) -> list[in
     chosen: list[int] = []
     for index in np.argsort(-overlaps, kind="stable")[: 8 * count]:
         apart = [np.abs(poses[index] - poses[other]).max() for other in chosen]
-        if all(gap > _BESIDE for gap in apart) or not chosen:
+        if all(gap > _BESIDE for gap in apart):
             chosen.append(int(index))
         if len(chosen) == count:
             break
     return chosen
 
-
-_BESIDE = 0.15
