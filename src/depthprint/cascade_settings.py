@@ -14,7 +14,7 @@ class CascadeSettings:
     """Stages of the detector; each can be turned off, to measure what it buys.
 
     vectors: a cosine of the pooled codes with shift search proposes ``proposed`` places; off: the exact search does.
-    relaxed: relaxed bounds of the EMD thin them to ``ranked`` places; off: all proposed go on.
+    relaxed: relaxed bounds of the EMD choose the ``ranked`` most promising of them; off: the cosine does.
     exact: the exact NCD ranks them, with ``vector_weight`` of the cosine in the sum; off: the cosine alone does.
     verify: the best ``verified`` places, at least ``spread`` frames apart, are checked by geometry.
     climb: a checked place is exchanged for a neighbour of greater overlap.
@@ -28,8 +28,8 @@ class CascadeSettings:
     verify: bool = True
     climb: bool = True
     consistency: bool = True
-    proposed: int = 100
-    ranked: int = 40
+    proposed: int = 60
+    ranked: int = 10
     vector_weight: float = 0.5
     verified: int = 5
     spread: int = 4

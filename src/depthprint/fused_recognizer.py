@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from depthprint.cascade_settings import CascadeSettings
 from depthprint.complexity_recognizer import ComplexityRecognizer
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
+from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 
@@ -21,8 +23,8 @@ class FusedRecognizer:
     """PlaceRecognizer whose distance is the weighted sum of the NCD and of the cosine distance of the same codes.
 
     What ``query`` returns has exact distances, but is searched among the proposed places only: unlike
-    ComplexityRecognizer it may miss the nearest. Its first k are ranked by the sum; places that were proposed and
-    not ranked follow by nothing, so k beyond ``ranked`` returns fewer.
+    ComplexityRecognizer it may miss the nearest. Where ``settings`` say that geometry comes after, its proposals
+    are spread out in time.
     """
 
     def __init__(self, encoder: Encoder, settings: CascadeSettings | None = None) -> None:
@@ -52,21 +54,26 @@ class FusedRecognizer:
         proposed = self._vectors.query(description, max(k, settings.proposed), limit)
         if not settings.exact or not proposed:
             return proposed[:k]
-        places = np.array([match.place for match in proposed], dtype=np.int64)
-        cosines = np.array([match.distance for match in proposed])
         weight = settings.vector_weight
-        ranked = max(k, settings.ranked)
-        if settings.relaxed and len(places) > ranked:
-            bounds = self._index.distances_of(description.signatures, places, relaxed=True)
-            kept = np.argsort((1 - weight) * bounds + weight * cosines, kind="stable")[:ranked]
-        else:
-            kept = np.arange(len(places))
-        ncds = self._index.distances_of(description.signatures, places[kept])
-        fused = (1 - weight) * ncds + weight * cosines[kept]
-        order = np.lexsort((places[kept], fused))[:k]
-        return [
-            PlaceMatch(int(places[kept[i]]), float(fused[i]), proposed[kept[i]].shift) for i in order
+        ranked = self._thinned(description, proposed, max(k, settings.ranked))
+        places = np.array([match.place for match in ranked], dtype=np.int64)
+        ncds = self._index.distances_of(description.signatures, places)
+        fused = [
+            replace(match, distance=(1 - weight) * float(ncd) + weight * match.distance)
+            for match, ncd in zip(ranked, ncds, strict=True)
         ]
+        return sorted(fused, key=lambda match: (match.distance, match.place))[:k]
+
+    def _thinned(self, description: Encoding, proposed: list[PlaceMatch], count: int) -> list[PlaceMatch]:
+        """The most promising proposals, by their relaxed bounds; spread out where geometry comes after."""
+        settings = self.settings
+        if settings.relaxed and len(proposed) > count:
+            places = np.array([match.place for match in proposed], dtype=np.int64)
+            bounds = self._index.distances_of(description.signatures, places, relaxed=True)
+            weight = settings.vector_weight
+            promise = (1 - weight) * bounds + weight * np.array([match.distance for match in proposed])
+            proposed = [proposed[i] for i in np.argsort(promise, kind="stable")]
+        return spread_in_time(proposed, count, settings.spread if settings.verify else 1)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Fused distance of two encodings."""

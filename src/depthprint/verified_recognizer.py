@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import SettingsError
+from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
@@ -19,7 +20,9 @@ from depthprint.verification.view_cache import ViewCache
 
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
-_STEPS = (-1, 1, 0, 2, -2)
+_STEPS = (0, 1, -1)
+# With this much agreement nothing better is looked for.
+_CERTAIN = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +42,12 @@ class _Link:
 
 
 class VerifiedRecognizer:
-    """PlaceRecognizer around another: proposals that pass the geometric check come first, by overlap.
+    """PlaceRecognizer around another: proposals that pass the geometric check come first, by their agreement.
 
-    The distance of an accepted place is 1 - overlap, below 1; that of any other is 1 + d / (1 + d), where d is the
+    The distance of an accepted place is 1 - agreement, below 1; that of any other is 1 + d / (1 + d), where d is the
     inner method's distance. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
-    climb: an accepted place gives way to a neighbour in time of greater overlap.
+    climb: an accepted place gives way to a neighbour in time of greater agreement.
     consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
     first, from their pose, and need less overlap. 0 turns it off.
     Raises SettingsError for numbers out of range; MissingExtraError (on query) without small_gicp.
@@ -98,7 +101,7 @@ class VerifiedRecognizer:
     def query(
         self, description: VerifiedDescription, k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
-        """Best places: accepted ones by overlap, then the others by the inner distance."""
+        """Best places: accepted ones by agreement, then the others by the inner distance."""
         pool = self.inner.query(description.inner, max(k, self._k * self._spread), limit)
         self._last = None
         if not pool:
@@ -107,12 +110,16 @@ class VerifiedRecognizer:
         checked: dict[int, Verification] = {}
         seconded = self._seconded(stored)
         for place, pose in seconded.items():
+            if any(v.accepted and v.agreement > _CERTAIN for v in checked.values()):
+                break
             checked[place] = self._check(description, place, 0.0, (pose,), True)
-        if not any(v.accepted for v in checked.values()):
-            for match in spread_in_time(pool, self._k, self._spread):
-                if match.place not in checked:
-                    yaw = self._yaw(match, description.view)
-                    checked[match.place] = self._check(description, match.place, yaw, (), False)
+        for match in spread_in_time(pool, self._k, self._spread):
+            best = _best(checked)
+            if best is not None and checked[best].agreement > _CERTAIN:
+                break
+            if match.place not in checked:
+                yaw = self._yaw(match, description.view)
+                checked[match.place] = self._check(description, match.place, yaw, (), False)
         best = _best(checked)
         if best is not None and self._climb:
             self._climb_from(description, best, checked, stored)
@@ -122,7 +129,7 @@ class VerifiedRecognizer:
         return self._ranked(description, pool, checked)[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
-        """1 - overlap where the pair passes the check, else 1 + d / (1 + d) of the inner distance."""
+        """1 - agreement where the pair passes the check, else 1 + d / (1 + d) of the inner distance."""
         inner = self.inner.distance(first.inner, second.inner)
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)
@@ -155,7 +162,7 @@ class VerifiedRecognizer:
         for number in range(latest, max(-1, latest - self._consistency), -1):
             link = self._links.get(number)
             if link is not None:
-                for step in _STEPS[: 3 if number == latest else 1]:
+                for step in _STEPS:
                     if 0 <= link.place + step < stored:
                         places.setdefault(link.place + step, link.T_match_query)
                 break
@@ -165,7 +172,9 @@ class VerifiedRecognizer:
         self, description: VerifiedDescription, best: int, checked: dict[int, Verification], stored: int
     ) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
-        for step in (2, 1):
+        for step in (4, 2, 1):
+            if checked[best].agreement > _CERTAIN:
+                break
             pose = checked[best].T_match_query
             for place in (best - step, best + step):
                 if 0 <= place < stored and place not in checked:
@@ -186,23 +195,12 @@ class VerifiedRecognizer:
         return sorted(found, key=lambda m: (m.distance, m.place))
 
 
-def spread_in_time(matches: Sequence[PlaceMatch], k: int, spread: int) -> list[PlaceMatch]:
-    """The best k matches no two of which are less than ``spread`` places apart, best first."""
-    chosen: list[PlaceMatch] = []
-    for match in matches:
-        if all(abs(match.place - other.place) >= spread for other in chosen):
-            chosen.append(match)
-        if len(chosen) == k:
-            break
-    return chosen
-
-
 def _best(checked: dict[int, Verification]) -> int | None:
     accepted = [place for place, v in checked.items() if v.accepted]
-    return max(accepted, key=lambda place: (checked[place].overlap, -place), default=None)
+    return max(accepted, key=lambda place: (checked[place].agreement, -place), default=None)
 
 
 def _distance(inner: float, verification: Verification | None) -> float:
     if verification is not None and verification.accepted:
-        return 1.0 - verification.overlap
+        return 1.0 - verification.agreement
     return 2.0 if math.isinf(inner) else 1.0 + inner / (1.0 + inner)

@@ -46,7 +46,7 @@ class VerificationSettings:
     min_points: int = 50
     min_overlap: float = 0.45
     min_overlap_seconded: float = 0.35
-    max_free_space_share: float = 0.35
+    max_free_space_share: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("columns", "refined_starts", "min_points"):

@@ -56,6 +56,11 @@ class Verification:
     start: str
 
     @property
+    def agreement(self) -> float:
+        """Overlap, less what free space takes from it: overlap * (1 - free_space_share), in [0, 1]."""
+        return self.overlap * (1.0 - self.free_space_share)
+
+    @property
     def offset_m(self) -> float:
         """Distance between the two sensors."""
         return float(np.linalg.norm(self.T_match_query[:3, 3]))
@@ -198,7 +203,7 @@ def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
 
 
 def _rank(verification: Verification) -> tuple[bool, float]:
-    return verification.accepted, verification.overlap - verification.free_space_share
+    return verification.accepted, verification.agreement
 
 
 def _spread_best(poses: FloatArray, overlaps: FloatArray, count: int) -> list[int]:
