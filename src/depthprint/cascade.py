@@ -43,6 +43,7 @@ def make_cascade(
         inner,
         settings.verified,
         spread=settings.spread,
+        pool=settings.ranked if settings.vectors else None,
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,

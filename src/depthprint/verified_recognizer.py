@@ -46,6 +46,7 @@ class VerifiedRecognizer:
 
     The distance of an accepted place is 1 - agreement, below 1; that of any other is 1 + d / (1 + d), where d is the
     inner method's distance. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
+    pool: how many proposals the inner method is asked for; k * spread when None.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
     climb: an accepted place gives way to a neighbour in time of greater agreement.
     consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
@@ -59,19 +60,21 @@ class VerifiedRecognizer:
         k: int = 5,
         *,
         spread: int = 4,
+        pool: int | None = None,
         columns_full_circle: int | None = None,
         climb: bool = True,
         consistency: int = 0,
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
     ) -> None:
-        if k < 1 or spread < 1 or consistency < 0:
+        if min(k, spread, 1 if pool is None else pool) < 1 or consistency < 0:
             raise SettingsError(
-                "VerifiedRecognizer: expected k >= 1, spread >= 1 and consistency >= 0, "
-                f"got {k}, {spread} and {consistency}"
+                "VerifiedRecognizer: expected k, spread and pool >= 1 and consistency >= 0, "
+                f"got {k}, {spread}, {pool} and {consistency}"
             )
         self.inner = inner
         self._k, self._spread, self._climb, self._consistency = k, spread, climb, consistency
+        self._pool = k * spread if pool is None else pool
         self._columns = columns_full_circle
         self._verifier = GeometricVerifier() if verifier is None else verifier
         self._make_view = make_depth_view if views is None else views
@@ -102,7 +105,7 @@ class VerifiedRecognizer:
         self, description: VerifiedDescription, k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
         """Best places: accepted ones by agreement, then the others by the inner distance."""
-        pool = self.inner.query(description.inner, max(k, self._k * self._spread), limit)
+        pool = self.inner.query(description.inner, max(k, self._pool), limit)
         self._last = None
         if not pool:
             return []
