@@ -87,8 +87,8 @@ _HAND_HELD = VerificationSettings(
     voxel_m=0.13,
     tolerance=(0.04, 0.0, 0.006),
     forward_m=(0.0, -0.25, 0.25),
-    yaw_rad=_degrees(0, -12, 12, -24, 24),
-    pitch_rad=_degrees(0, -12, 12),
+    yaw_rad=_degrees(0, -8, 8, -16, 16, -24, 24),
+    pitch_rad=_degrees(0, -8, 8, -16, 16),
     max_pairing_m=0.3,
     max_offset_m=2.5,
 )
