@@ -208,3 +208,66 @@ def test_misbehaving_recognisers_are_caught():
     occupied.add(3.0)
     with pytest.raises(ModelError, match="empty at its start"):
         LoopClosureDetector(occupied, threshold=1.0).add(frame(1.0))
+
+
+def test_ambiguous_match_names_its_rival():
+    detector = LoopClosureDetector(
+        MeanRange(), exclusion_gap=0, threshold=0.5, ambiguity=0.5, neighbourhood=1
+    )
+    for value in (5.0, 9.0, 9.0, 5.02):
+        detector.add(frame(value))
+    result = detector.query(frame(5.1))
+    assert result.status is LoopStatus.AMBIGUOUS
+    assert [m.place for m in result.matches] == [3, 0]
+    assert "place 0, elsewhere, is about as near" in result.explain()
+    assert detector.query(frame(5.02 + 1e-4)).status is LoopStatus.ACCEPTED
+    assert detector.query(frame(9.01)).status is LoopStatus.ACCEPTED
+
+
+def test_match_that_no_recent_frame_supports_is_inconsistent():
+    detector = LoopClosureDetector(
+        MeanRange(), exclusion_gap=4, threshold=0.5, consistent_frames=2, neighbourhood=2
+    )
+    results = [detector.process(frame(v)) for v in (1, 2, 3, 4, 20, 30, 40, 50, 1, 2)]
+    assert results[8].status is LoopStatus.INCONSISTENT_IN_TIME
+    assert "no recent frame was matched nearby" in results[8].explain()
+    assert results[9].accepted
+    assert results[9].match == 1
+
+
+def test_probability_of_a_return_is_high_and_of_a_new_place_low():
+    rng = np.random.default_rng(2)
+    route = np.repeat(rng.permutation(120) * 1.0 + 1, 2) + rng.normal(0, 0.05, 240)
+    detector = LoopClosureDetector(MeanRange(), exclusion_gap=10, threshold=0.3, probabilities=True)
+    results = [detector.process(frame(v)) for v in route]
+    assert results[5].probability is None
+    returning = detector.query(frame(float(route[40])), k=3)
+    elsewhere = detector.query(frame(400.0), k=3)
+    assert returning.probability_new < elsewhere.probability_new
+    assert elsewhere.probability_new > 0.5
+    assert 0 <= elsewhere.probability <= elsewhere.probability + elsewhere.probability_new <= 1 + 1e-9
+
+
+def test_far_places_are_told_by_odometry_where_asked():
+    def at(x: float) -> np.ndarray:
+        pose = np.eye(4)
+        pose[0, 3] = x
+        return pose
+
+    near, far = (
+        LoopClosureDetector(MeanRange(), exclusion_gap=1000, threshold=None, far_m=far_m, calibration_pairs=3)
+        for far_m in (1e6, 5.0)
+    )
+    for i in range(400):
+        for detector in (near, far):
+            detector.add(frame(1.0 + i % 7), pose=at(float(i)))
+    assert near.threshold is None
+    assert far.threshold is not None
+
+
+@pytest.mark.parametrize(
+    "settings", [{"far_m": 0.0}, {"ambiguity": -1.0}, {"consistent_frames": -1}, {"neighbourhood": -1}]
+)
+def test_new_settings_out_of_range_raise(settings):
+    with pytest.raises(SettingsError, match=next(iter(settings))):
+        LoopClosureDetector(MeanRange(), threshold=1.0, **settings)

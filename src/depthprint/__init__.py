@@ -42,7 +42,10 @@ if TYPE_CHECKING:
         ModelError,
         SettingsError,
     )
-    from depthprint.loop_closure import LoopClosureDetector, LoopResult, LoopStatus
+    from depthprint.cascade import make_cascade
+    from depthprint.cascade_settings import CascadeSettings
+    from depthprint.loop_closure import LoopClosureDetector
+    from depthprint.loop_status import LoopResult, LoopStatus
     from depthprint.object_methods import make_object_method
     from depthprint.place_database import PlaceDatabase
     from depthprint.place_methods import load_shipped_encoder, make_place_recognizer
@@ -53,8 +56,11 @@ if TYPE_CHECKING:
     from depthprint.signature import GroundDistance, Signature, SignatureBatch
     from depthprint.signature_index import SignatureIndex, StreamDistance
     from depthprint.sparse_coding import SparseModel, sparse_code
+    from depthprint.verification import GeometricVerifier, Verification, make_depth_view
+    from depthprint.verified_recognizer import VerifiedRecognizer
 
 __all__ = [
+    "CascadeSettings",
     "ConvergenceError",
     "DataError",
     "DepthprintError",
@@ -62,6 +68,7 @@ __all__ = [
     "EMDResult",
     "Encoder",
     "FingerprintError",
+    "GeometricVerifier",
     "GroundDistance",
     "LaserRow",
     "LoopClosureDetector",
@@ -87,10 +94,14 @@ __all__ = [
     "SparseModel",
     "Spherical",
     "StreamDistance",
+    "Verification",
+    "VerifiedRecognizer",
     "__version__",
     "difference_matrix",
     "learn_dictionary",
     "load_shipped_encoder",
+    "make_cascade",
+    "make_depth_view",
     "make_object_method",
     "make_place_recognizer",
     "open_objects",
@@ -116,7 +127,10 @@ _HOMES = {
         "ModelError",
         "SettingsError",
     ),
-    "depthprint.loop_closure": ("LoopClosureDetector", "LoopResult", "LoopStatus"),
+    "depthprint.cascade": ("make_cascade",),
+    "depthprint.cascade_settings": ("CascadeSettings",),
+    "depthprint.loop_closure": ("LoopClosureDetector",),
+    "depthprint.loop_status": ("LoopResult", "LoopStatus"),
     "depthprint.object_methods": ("make_object_method",),
     "depthprint.place_database": ("PlaceDatabase",),
     "depthprint.place_methods": ("load_shipped_encoder", "make_place_recognizer"),
@@ -127,6 +141,8 @@ _HOMES = {
     "depthprint.signature": ("GroundDistance", "Signature", "SignatureBatch"),
     "depthprint.signature_index": ("SignatureIndex", "StreamDistance"),
     "depthprint.sparse_coding": ("SparseModel", "sparse_code"),
+    "depthprint.verification": ("GeometricVerifier", "Verification", "make_depth_view"),
+    "depthprint.verified_recognizer": ("VerifiedRecognizer",),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

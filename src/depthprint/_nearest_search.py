@@ -75,28 +75,31 @@ class NearestSearch:
         self._narrow(items[order], bounds[order], k)
         return self._best
 
-    def relaxed(self) -> tuple[FloatArray, IntArray]:
-        """Lower bound of every item's distance and the shift that gives it; nothing is solved."""
-        least, shift = np.empty(self.count), np.empty(self.count, np.int64)
-        for start in range(0, self.count, _ITEMS_PER_SCAN):
-            items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
-            bounds = sum(self._relaxed_parts(items))
-            least[items], shift[items] = bounds.min(axis=1), bounds.argmin(axis=1)
+    def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
+        """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
+        items = np.arange(self.count) if items is None else items
+        least, shift = np.empty(len(items)), np.empty(len(items), np.int64)
+        for start in range(0, len(items), _ITEMS_PER_SCAN):
+            part = slice(start, start + _ITEMS_PER_SCAN)
+            bounds = sum(self._relaxed_parts(items[part]))
+            least[part], shift[part] = bounds.min(axis=1), bounds.argmin(axis=1)
         return least, shift
 
-    def all_exact(self) -> FloatArray:
-        """Least exact distance of every item; per item, shifts in the order of their bounds."""
-        best = np.full(self.count, np.inf)
-        for start in range(0, self.count, _ITEMS_PER_SCAN):
-            items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
-            parts = self._relaxed_parts(items)
+    def all_exact(self, items: IntArray | None = None) -> FloatArray:
+        """Least exact distances (m,), of all items when None; per item, shifts in the order of their bounds."""
+        items = np.arange(self.count) if items is None else items
+        best = np.full(len(items), np.inf)
+        for start in range(0, len(items), _ITEMS_PER_SCAN):
+            scanned = items[start : start + _ITEMS_PER_SCAN]
+            nearest = best[start : start + _ITEMS_PER_SCAN]
+            parts = self._relaxed_parts(scanned)
             bounds = sum(parts)
             ranked = np.argsort(bounds, axis=1, kind="stable")
             for rank in range(ranked.shape[1]):
-                limits = best[items] * _ROUNDING
-                rows = np.flatnonzero(bounds[np.arange(len(items)), ranked[:, rank]] <= limits)
-                exact = self._exact(items, parts, rows, ranked[rows, rank], limits[rows])
-                best[items[rows]] = np.minimum(best[items[rows]], exact)
+                limits = nearest * _ROUNDING
+                rows = np.flatnonzero(bounds[np.arange(len(scanned)), ranked[:, rank]] <= limits)
+                exact = self._exact(scanned, parts, rows, ranked[rows, rank], limits[rows])
+                nearest[rows] = np.minimum(nearest[rows], exact)
         return best
 
     def _threshold(self, k: int) -> float:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import ConvergenceError, DataError, FingerprintError, ModelError, SettingsError
+from depthprint.loop_probability import match_probabilities, same_place_odds
+from depthprint.loop_status import LoopResult, LoopStatus
 from depthprint.place import Place, checked_pose
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
@@ -20,70 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LoopClosureDetector", "LoopResult", "LoopStatus", "Place", "calibrate_threshold"]
 
-
-class LoopStatus(Enum):
-    """What became of a query."""
-
-    ACCEPTED = "accepted"
-    TOO_FEW_PLACES = "too few places"
-    CALIBRATING = "calibrating"
-    NO_MATCH = "no match"
-    ABOVE_THRESHOLD = "above threshold"
-
-
-@dataclass(frozen=True)
-class LoopResult:
-    """Answer to one query, whatever it is.
-
-    query: number that the frame has, or would have, as a place. status: what became of it.
-    matches: proposed places, best first, accepted or not. threshold: the one in force, or None.
-    candidates: how many places were old enough to be compared.
-    T_match_query: (4, 4) pose of the query's sensor in the frame of the match's, where it was measured, else None;
-    inliers, overlap: how many points, and what share, of the two frames it brought together.
-    """
-
-    query: int
-    status: LoopStatus
-    matches: tuple[PlaceMatch, ...] = ()
-    threshold: float | None = None
-    candidates: int = 0
-    exclusion_gap: int = 0
-    min_places: int = 1
-    T_match_query: npt.NDArray[np.float64] | None = None
-    inliers: int | None = None
-    overlap: float | None = None
-
-    @property
-    def match(self) -> int | None:
-        """Number of the best proposed place, accepted or not; None without a proposal."""
-        return self.matches[0].place if self.matches else None
-
-    @property
-    def distance(self) -> float | None:
-        """Distance of the best proposed place; None without a proposal."""
-        return self.matches[0].distance if self.matches else None
-
-    @property
-    def accepted(self) -> bool:
-        """Whether a loop was closed."""
-        return self.status is LoopStatus.ACCEPTED
-
-    def explain(self) -> str:
-        """Say in one sentence what was decided and why."""
-        head = f"frame {self.query}: "
-        if self.status is LoopStatus.TOO_FEW_PLACES:
-            return head + (
-                f"not compared, since {self.candidates} places are more than {self.exclusion_gap} frames old "
-                f"and {self.min_places} are needed"
-            )
-        if self.status is LoopStatus.NO_MATCH:
-            return head + f"the recogniser proposed none of the {self.candidates} places old enough"
-        nearest = f"place {self.match} is the nearest of {self.candidates}, at distance {self.distance:.4g}"
-        if self.status is LoopStatus.CALIBRATING:
-            return head + nearest + ", but too few pairs of places have been seen to set a threshold"
-        if self.status is LoopStatus.ABOVE_THRESHOLD:
-            return head + nearest + f", which is above the threshold {self.threshold:.4g}"
-        return head + nearest + f", within the threshold {self.threshold:.4g}: loop closed"
+_PROPOSALS = 10
+# Pairs of either kind before probabilities are told.
+_LEARNED_FROM = 20
 
 
 def calibrate_threshold(distances: npt.ArrayLike, false_positive_rate: float) -> float:
@@ -130,6 +70,16 @@ class LoopClosureDetector:
     min_places: places old enough that there must be before anything is compared.
     database: a map on disk. Its places are taken up first, in their order, as if they had been added here; each place
         added from then on is committed to it before it can be queried.
+    far_m: with poses (of odometry, say), places further away than this serve the calibration whatever their age,
+        and nearer ones do not; without, age alone decides.
+    probabilities: estimate how probable the match is, and that the place is new (``loop_probability``): frames next
+        to each other in time stand for one place, far ones for different places. Costs as a threshold of None.
+    ambiguity: a match is AMBIGUOUS when another proposal, more than ``neighbourhood`` places away, has a distance
+        under (1 + ambiguity) times its own. None: not looked at.
+    consistent_frames: a match is INCONSISTENT_IN_TIME unless one of so many processed frames before had its best
+        proposal within ``neighbourhood`` places of it. 0: not looked at.
+    A match that a geometric check refused is FAILED_GEOMETRY; for methods that check, a threshold of 1 closes a
+    loop wherever geometry accepts.
     Raises SettingsError for values out of range and for a recogniser whose places cannot be stored, FingerprintError
     for a map of another model, DataError for a damaged one.
     """
@@ -145,6 +95,11 @@ class LoopClosureDetector:
         calibration_pairs: int = 10,
         seed: int = 0,
         database: PlaceDatabase | None = None,
+        far_m: float | None = None,
+        probabilities: bool = False,
+        ambiguity: float | None = None,
+        consistent_frames: int = 0,
+        neighbourhood: int = 10,
     ) -> None:
         if exclusion_gap < 0 or min_places < 1 or calibration_pairs < 1:
             raise SettingsError(
@@ -157,7 +112,20 @@ class LoopClosureDetector:
             raise SettingsError(
                 f"LoopClosureDetector: expected false_positive_rate in (0, 1), got {false_positive_rate}"
             )
+        for name, value in (("far_m", far_m), ("ambiguity", ambiguity)):
+            if value is not None and not value > 0:
+                raise SettingsError(f"LoopClosureDetector: expected {name} > 0 or None, got {value}")
+        if consistent_frames < 0 or neighbourhood < 0:
+            raise SettingsError(
+                "LoopClosureDetector: expected consistent_frames >= 0 and neighbourhood >= 0, "
+                f"got {consistent_frames} and {neighbourhood}"
+            )
         self.recognizer = recognizer
+        self.far_m = far_m
+        self.probabilities = probabilities
+        self.ambiguity = ambiguity
+        self.consistent_frames = consistent_frames
+        self.neighbourhood = neighbourhood
         self.exclusion_gap = exclusion_gap
         self.min_places = min_places
         self.false_positive_rate = false_positive_rate
@@ -167,6 +135,8 @@ class LoopClosureDetector:
         self._places: list[Place] = []
         self._descriptions: list[Any] = []
         self._far_distances: list[float] = []
+        self._near_distances: list[float] = []
+        self._best_of: dict[int, int] = {}
         self._map: tuple[PlaceDatabase, StorableRecognizer] | None = None
         if database is not None:
             self._take_up(database)
@@ -210,6 +180,8 @@ class LoopClosureDetector:
         description = self._describe(image)
         result = self._query(description, k)
         self._add(description, image, pose, stamp)
+        if result.match is not None:
+            self._best_of[result.query] = result.match
         return result
 
     def _describe(self, image: RangeImage) -> Any:
@@ -228,14 +200,25 @@ class LoopClosureDetector:
         candidates = max(0, number - self.exclusion_gap)
         threshold = self.threshold
 
-        def result(status: LoopStatus, matches: tuple[PlaceMatch, ...] = ()) -> LoopResult:
+        def result(
+            status: LoopStatus, matches: tuple[PlaceMatch, ...] = (), p: tuple[float, float] | None = None
+        ) -> LoopResult:
             return LoopResult(
-                number, status, matches, threshold, candidates, self.exclusion_gap, self.min_places
+                number,
+                status,
+                matches,
+                threshold,
+                candidates,
+                self.exclusion_gap,
+                self.min_places,
+                *((None, None) if p is None else p),
             )
 
         if candidates < self.min_places:
             return result(LoopStatus.TOO_FEW_PLACES)
-        matches = tuple(self.recognizer.query(description, k, limit=candidates))
+        # Whether a match is ambiguous shows only beside other proposals.
+        asked = k if self.ambiguity is None else max(k, _PROPOSALS)
+        matches = tuple(self.recognizer.query(description, asked, limit=candidates))
         if not matches:
             return result(LoopStatus.NO_MATCH)
         for match in matches:
@@ -245,11 +228,43 @@ class LoopClosureDetector:
                     f"frame {number}: the recogniser proposed place {match.place}, "
                     f"expected one below {candidates}"
                 )
+        status, rival = self._decide(matches, threshold, number)
+        shown = matches[:k] if rival is None else (matches[0], rival, *matches[1:k])[: max(2, k)]
+        return result(status, shown, self._probabilities(matches, candidates))
+
+    def _decide(
+        self, matches: tuple[PlaceMatch, ...], threshold: float | None, number: int
+    ) -> tuple[LoopStatus, PlaceMatch | None]:
+        """Status of the best match, and the place that makes it ambiguous."""
+        best = matches[0]
+        if best.verification is not None and not best.verification.accepted:
+            return LoopStatus.FAILED_GEOMETRY, None
         if threshold is None:
-            return result(LoopStatus.CALIBRATING, matches)
-        if matches[0].distance <= threshold:
-            return result(LoopStatus.ACCEPTED, matches)
-        return result(LoopStatus.ABOVE_THRESHOLD, matches)
+            return LoopStatus.CALIBRATING, None
+        if best.distance > threshold:
+            return LoopStatus.ABOVE_THRESHOLD, None
+        if self.ambiguity is not None:
+            for other in matches[1:]:
+                apart = abs(other.place - best.place) > self.neighbourhood
+                if apart and other.distance <= best.distance * (1 + self.ambiguity):
+                    return LoopStatus.AMBIGUOUS, other
+        if self.consistent_frames:
+            recent = range(number - self.consistent_frames, number)
+            before = (self._best_of[i] for i in recent if i in self._best_of)
+            if not any(abs(place - best.place) <= self.neighbourhood for place in before):
+                return LoopStatus.INCONSISTENT_IN_TIME, None
+        return LoopStatus.ACCEPTED, None
+
+    def _probabilities(self, matches: tuple[PlaceMatch, ...], candidates: int) -> tuple[float, float] | None:
+        """Probability of the best match, and of a new place."""
+        fewest = min(len(self._near_distances), len(self._far_distances))
+        if not self.probabilities or fewest < _LEARNED_FROM:
+            return None
+        odds = same_place_odds(
+            [match.distance for match in matches], self._near_distances, self._far_distances
+        )
+        shares = match_probabilities(odds, candidates)
+        return float(shares[0]), float(shares[-1])
 
     def _add(
         self, description: Any, image: RangeImage, pose: npt.ArrayLike | None, stamp: float | None
@@ -272,16 +287,18 @@ class LoopClosureDetector:
             return self._store(place, description)
 
     def _store(self, place: Place, description: Any) -> int:
-        calibrating = self._fixed_threshold is None
-        sampled = self._sample_far_distances(description, place.number) if calibrating else []
+        learning = self._fixed_threshold is None or self.probabilities
+        far = self._sample_far_distances(description, place.number, place.T_world_sensor) if learning else []
+        near = self._sample_near_distance(description, place.number) if self.probabilities else []
         stored = self.recognizer.add(description)
         if stored != place.number:
             raise ModelError(
                 f"frame {place.number}: the recogniser stored it as place {stored}; the detector needs one "
                 "that is empty at its start and that nothing else adds to"
             )
-        if calibrating:
-            self._far_distances.extend(sampled)
+        if learning:
+            self._far_distances.extend(far)
+            self._near_distances.extend(near)
             self._descriptions.append(description)
         self._places.append(place)
         return place.number
@@ -301,17 +318,39 @@ class LoopClosureDetector:
             self._store(stored.place, recognizer.unpack(stored.arrays))
         self._map = database, recognizer
 
-    def _sample_far_distances(self, description: Any, number: int) -> list[float]:
-        far = number - self.exclusion_gap
-        if far < 1:
+    def _sample_far_distances(
+        self, description: Any, number: int, T_world_sensor: npt.NDArray[np.float64] | None
+    ) -> list[float]:
+        far = self._far_places(number, T_world_sensor)
+        if not len(far):
             return []
         # Seeded by the frame's number, so that the sample does not depend on what else was asked before.
         rng = np.random.default_rng((self.seed, number))
-        drawn = np.sort(rng.choice(far, size=min(far, self.calibration_pairs), replace=False))
-        distances = [float(self.recognizer.distance(description, self._descriptions[j])) for j in drawn]
-        for place, distance in zip(drawn, distances, strict=True):
+        drawn = np.sort(rng.choice(far, size=min(len(far), self.calibration_pairs), replace=False))
+        return self._distances(description, drawn)
+
+    def _far_places(
+        self, number: int, T_world_sensor: npt.NDArray[np.float64] | None
+    ) -> npt.NDArray[np.int64]:
+        """Places known to be others: far away by the poses, else old enough."""
+        if self.far_m is None or T_world_sensor is None:
+            return np.arange(max(0, number - self.exclusion_gap), dtype=np.int64)
+        far = [
+            place.number
+            for place in self._places
+            if place.T_world_sensor is not None
+            and np.linalg.norm(place.T_world_sensor[:3, 3] - T_world_sensor[:3, 3]) > self.far_m
+        ]
+        return np.array(far, dtype=np.int64)
+
+    def _sample_near_distance(self, description: Any, number: int) -> list[float]:
+        return self._distances(description, [number - 1]) if number else []
+
+    def _distances(self, description: Any, places: Sequence[int] | npt.NDArray[np.int64]) -> list[float]:
+        found = [float(self.recognizer.distance(description, self._descriptions[j])) for j in places]
+        for place, distance in zip(places, found, strict=True):
             self._check(distance, int(place))
-        return distances
+        return found
 
     def _check(self, distance: float, place: int) -> None:
         if not math.isfinite(distance):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from depthprint.encoder import Encoder
 from depthprint.encoder_file import shipped_model_path
@@ -12,7 +13,12 @@ from depthprint.presets import preset_settings
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.settings import PolarSettings
 
-__all__ = ["PLACE_METHODS", "PlaceMethodContext", "load_shipped_encoder", "make_place_recognizer"]
+if TYPE_CHECKING:
+    from depthprint.verification.view_cache import ViewCache
+
+__all__ = ["PLACE_METHODS", "WITH_GEOMETRY", "PlaceMethodContext", "load_shipped_encoder", "make_place_recognizer"]
+
+WITH_GEOMETRY = "+geometry"
 
 # A narrow hand-held view reaches a few metres: the bird's-eye grid of the baseline is scaled to it.
 _HANDHELD_POLAR = PolarSettings(sectors=24, rings=20, ring_m=0.25, ground_clearance_m=0.2, max_height_m=3.0)
@@ -21,10 +27,11 @@ _HANDHELD_CHANNELS = ("height", "low-count", "high-count")
 
 @dataclass(frozen=True)
 class PlaceMethodContext:
-    """What a method may be built from: the preset of the data and, where given, a trained model."""
+    """What a method may be built from: the preset of the data where given, a trained model and a shared view."""
 
     preset: str
     model: Encoder | None = None
+    views: ViewCache | None = None
 
     def encoder(self) -> Encoder:
         """The given model, or the one that ships for the preset."""
@@ -102,10 +109,17 @@ def _compression(compressor: str) -> Callable[[PlaceMethodContext], PlaceRecogni
     return make
 
 
+def _detector(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.cascade import make_cascade
+
+    return make_cascade(context.encoder(), views=context.views)
+
+
 PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "emd": _emd,
     "emd-literal": _emd_literal,
     "emd-relaxed": _emd_relaxed,
+    "detector": _detector,
     "cosine": _cosine,
     "pixel-l2": _pixel_l2,
     "pixel-l2-centred": _pixel_l2_centred,
@@ -119,14 +133,28 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
 }
 
 
-def make_place_recognizer(name: str, preset: str, model: Encoder | None = None) -> PlaceRecognizer:
+def make_place_recognizer(
+    name: str, preset: str, model: Encoder | None = None, views: ViewCache | None = None
+) -> PlaceRecognizer:
     """Build a method by its registry name, for data that suits ``preset``.
 
-    ``model`` replaces the shipped encoder of the methods that use the preset's. Raises SettingsError on an unknown
-    name, ModelError when the model is not fitted.
+    NAME+geometry is a method whose best few proposals are checked by geometry. ``model`` replaces the shipped encoder
+    of the methods that use the preset's. ``views`` lets methods that see the same frames share what the check needs.
+    Raises SettingsError on an unknown name, ModelError when the model is not fitted.
     """
-    if name not in PLACE_METHODS:
-        raise SettingsError(f"method: expected one of {', '.join(PLACE_METHODS)}, got {name!r}")
+    plain = name.removesuffix(WITH_GEOMETRY)
+    if plain not in PLACE_METHODS:
+        raise SettingsError(
+            f"method: expected one of {', '.join(PLACE_METHODS)}, or one of them with {WITH_GEOMETRY}, got {name!r}"
+        )
     if model is not None and not model.fitted:
         raise ModelError(f"model {model.settings.name!r}: not fitted")
-    return PLACE_METHODS[name](PlaceMethodContext(preset, model))
+    context = PlaceMethodContext(preset, model, views)
+    recognizer = PLACE_METHODS[plain](context)
+    if plain == name:
+        return recognizer
+    from depthprint.verified_recognizer import VerifiedRecognizer
+
+    polar = context.polar()[0]
+    columns = polar.sectors if polar.full_circle else None
+    return VerifiedRecognizer(recognizer, columns_full_circle=columns, views=views)

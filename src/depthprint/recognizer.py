@@ -4,22 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy.typing as npt
 
 from depthprint.range_image import RangeImage
+
+if TYPE_CHECKING:
+    from depthprint.verification.verifier import Verification
 
 __all__ = ["PlaceMatch", "PlaceRecognizer", "StorableRecognizer"]
 
 
 @dataclass(frozen=True)
 class PlaceMatch:
-    """A stored place proposed for a query; smaller ``distance`` is more alike. ``shift`` is in columns or None."""
+    """A stored place proposed for a query; smaller ``distance`` is more alike. ``shift`` is in columns or None.
+
+    ``verification`` is the outcome of the geometric check, where one was made.
+    """
 
     place: int
     distance: float
     shift: float | None = None
+    verification: Verification | None = None
 
 
 class PlaceRecognizer(Protocol):

@@ -170,6 +170,21 @@ class SignatureIndex:
         self._note(search)
         return best
 
+    def distances_of(
+        self, signatures: Sequence[Signature], items: IntArray, *, relaxed: bool = False
+    ) -> FloatArray:
+        """Exact distances (m,) of some items (m,), or lower bounds if ``relaxed``.
+
+        Raises as `query`, and DataError for an item that is not there.
+        """
+        chosen = np.asarray(items, dtype=np.int64)
+        if chosen.ndim != 1 or (len(chosen) and not 0 <= chosen.min() <= chosen.max() < len(self)):
+            raise DataError(f"distances_of: expected items (m,) among the {len(self)} there are")
+        search = self._search(signatures, None)
+        best = search.relaxed(chosen)[0] if relaxed else search.all_exact(chosen)
+        self._note(search)
+        return best
+
     def _note(self, search: NearestSearch) -> None:
         self.statistics = QueryStatistics(search.count, search.bounds_computed, search.emds_solved)
 

@@ -36,6 +36,7 @@ def run_evaluate_loops(
     from depthprint.place_methods import make_place_recognizer
     from depthprint.run_folder import RunFolder
     from depthprint.runs.loop_figures import draw_evaluation_figures
+    from depthprint.verification.view_cache import ViewCache
 
     sequence = truth_with_gap(source.open(stages("make the world")), gap)
     if sequence.poses is None:
@@ -43,7 +44,8 @@ def run_evaluate_loops(
             f"{sequence.name}: expected poses to score with, found none; 'depthprint loops' needs none"
         )
     name, encoder = choose_model(model, preset, sequence.preset)
-    recognizers = {method: make_place_recognizer(method, name, encoder) for method in methods}
+    views = ViewCache()
+    recognizers = {method: make_place_recognizer(method, name, encoder, views) for method in methods}
     settings = {
         "data": source.settings(),
         "methods": list(methods),

@@ -1,0 +1,102 @@
+"""What one range image says of another's points: confirmed, hidden, or in space it saw to be free."""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["LASER_ROW", "PINHOLE", "SPHERICAL", "count_agreement"]
+
+PINHOLE, SPHERICAL, LASER_ROW = 0, 1, 2
+
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
+
+
+@nb.njit(cache=True)
+def _pixel(kind: int, camera: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Column, row and range of a point; a range of -1 for one that no pixel can see."""
+    if kind == PINHOLE:
+        if z <= 1e-6:
+            return 0.0, 0.0, -1.0
+        return camera[0] * x / z + camera[2], camera[1] * y / z + camera[3], z
+    planar = math.sqrt(x * x + y * y)
+    reach = math.sqrt(planar * planar + z * z)
+    if reach <= 1e-6:
+        return 0.0, 0.0, -1.0
+    # camera: azimuth of column 0, azimuth a column, elevation of row 0, elevation a row, middle azimuth
+    turn = math.atan2(y, x) - camera[4]
+    turn -= 2 * math.pi * round(turn / (2 * math.pi))
+    u = (camera[4] + turn - camera[0]) / camera[1]
+    if kind == LASER_ROW:
+        return u, 0.0, reach
+    return u, (math.atan2(z, planar) - camera[2]) / camera[3], reach
+
+
+@nb.njit(cache=True)
+def count_agreement(
+    points: Float32,
+    poses: Float64,
+    kind: int,
+    camera: Float64,
+    wraps: bool,
+    ranges: Float32,
+    tolerance: Float64,
+    neighbours: int,
+    counts: npt.NDArray[np.int64],
+) -> None:
+    """Fill counts (m, 4): points confirmed, hidden, in free space, and out of sight, for each pose.
+
+    points (n, 3), of which poses (m, 4, 4) T_target_points bring them to the frame of ``ranges`` (h, w), whose
+    NaN say nothing. tolerance (3,): metres, share of the range, share of its square a metre. A point is confirmed
+    when a pixel within ``neighbours`` of its own has its range, in free space when all of them see further.
+    """
+    height, width = ranges.shape
+    for m in range(len(poses)):
+        pose = poses[m]
+        for c in range(4):
+            counts[m, c] = 0
+        for k in range(len(points)):
+            px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+            x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
+            y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
+            z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
+            u, v, r = _pixel(kind, camera, x, y, z)
+            column, row = math.floor(u + 0.5), math.floor(v + 0.5)
+            if wraps and column >= width:
+                column -= width
+            if wraps and column < 0:
+                column += width
+            if r < 0 or column < 0 or row < 0 or column >= width or row >= height:
+                counts[m, 3] += 1
+                continue
+            allowed = tolerance[0] + tolerance[1] * r + tolerance[2] * r * r
+            nearest, seen, confirmed = math.inf, False, False
+            for dv in range(-neighbours, neighbours + 1):
+                b = int(row) + dv
+                if b < 0 or b >= height:
+                    continue
+                for du in range(-neighbours, neighbours + 1):
+                    a = int(column) + du
+                    if wraps:
+                        a %= width
+                    if a < 0 or a >= width:
+                        continue
+                    there = ranges[b, a]
+                    if not there > 0:
+                        continue
+                    seen = True
+                    nearest = min(nearest, there)
+                    if abs(there - r) <= allowed:
+                        confirmed = True
+            if not seen:
+                counts[m, 3] += 1
+            elif confirmed:
+                counts[m, 0] += 1
+            elif nearest < r:
+                counts[m, 1] += 1
+            else:
+                counts[m, 2] += 1

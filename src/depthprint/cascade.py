@@ -1,0 +1,52 @@
+"""The cascade detector: vectors propose, the exact NCD ranks, geometry verifies, neighbouring frames second."""
+
+from __future__ import annotations
+
+from depthprint.cascade_settings import CascadeSettings
+from depthprint.encoder import Encoder
+from depthprint.fused_recognizer import FusedRecognizer
+from depthprint.recognizer import PlaceRecognizer
+from depthprint.verification.verifier import GeometricVerifier
+from depthprint.verification.view_cache import ViewCache
+from depthprint.verified_recognizer import VerifiedRecognizer
+
+__all__ = ["make_cascade"]
+
+_FRAMES_THAT_SECOND = 3
+
+
+def make_cascade(
+    encoder: Encoder,
+    settings: CascadeSettings | None = None,
+    *,
+    verifier: GeometricVerifier | None = None,
+    views: ViewCache | None = None,
+) -> PlaceRecognizer:
+    """Build the detector over a fitted encoder, with the stages that ``settings`` turn on.
+
+    ``views`` is shared by methods that see the same frames. Raises MissingExtraError, on its first query, when views
+    in space are to be verified without small_gicp.
+    """
+    settings = CascadeSettings() if settings is None else settings
+    inner: PlaceRecognizer
+    if settings.vectors:
+        inner = FusedRecognizer(encoder, settings)
+    else:
+        from depthprint.complexity_recognizer import ComplexityRecognizer
+
+        inner = ComplexityRecognizer(encoder, relaxed=settings.relaxed and not settings.exact)
+    if not settings.verify:
+        return inner
+    polar = encoder.settings.polar
+    shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
+    return VerifiedRecognizer(
+        inner,
+        settings.verified,
+        spread=settings.spread,
+        pool=settings.ranked if settings.vectors else None,
+        columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
+        climb=settings.climb,
+        consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
+        verifier=verifier,
+        views=views,
+    )

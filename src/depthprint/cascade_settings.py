@@ -1,0 +1,46 @@
+"""Which stages the cascade detector runs, and how far each looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from depthprint.errors import SettingsError
+
+__all__ = ["CascadeSettings"]
+
+
+@dataclass(frozen=True)
+class CascadeSettings:
+    """Stages of the detector; each can be turned off, to measure what it buys.
+
+    vectors: a cosine of the pooled codes with shift search proposes ``proposed`` places; off: the exact search does.
+    relaxed: relaxed bounds of the EMD choose the ``ranked`` most promising of them; off: the cosine does.
+    exact: the exact NCD ranks them, with ``vector_weight`` of the cosine in the sum; off: the cosine alone does.
+    verify: the best ``verified`` places, at least ``spread`` frames apart, are checked by geometry.
+    climb: a checked place is exchanged for a neighbour of greater overlap.
+    consistency: places next to the previous frames' matches are checked too, and need less overlap.
+    Raises SettingsError for values out of range, or without any distance.
+    """
+
+    vectors: bool = True
+    relaxed: bool = True
+    exact: bool = True
+    verify: bool = True
+    climb: bool = True
+    consistency: bool = True
+    proposed: int = 60
+    ranked: int = 10
+    vector_weight: float = 0.5
+    verified: int = 5
+    spread: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("proposed", "ranked", "verified", "spread"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"CascadeSettings: expected {name} >= 1, got {getattr(self, name)}")
+        if not 0 <= self.vector_weight <= 1:
+            raise SettingsError(
+                f"CascadeSettings: expected vector_weight in [0, 1], got {self.vector_weight}"
+            )
+        if not (self.vectors or self.exact):
+            raise SettingsError("CascadeSettings: expected vectors or exact, got neither: nothing would rank")

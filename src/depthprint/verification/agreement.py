@@ -1,0 +1,91 @@
+"""Overlap and free-space consistency of two views under a pose: one is projected into the other, both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.errors import DataError
+from depthprint.verification.depth_view import DepthView
+
+__all__ = ["ViewAgreement", "coarse_overlaps", "view_agreement"]
+
+_COARSE_POINTS = 100
+_COARSE_SLACK = 2.0
+
+
+@dataclass(frozen=True)
+class ViewAgreement:
+    """Points of one view in another: ``confirmed`` by its ranges, ``hidden`` behind them, in space seen to be
+    ``free``, and ``unseen`` (outside the image, or where it has no return).
+    """
+
+    confirmed: int
+    hidden: int
+    free: int
+    unseen: int
+
+    @property
+    def overlap(self) -> float:
+        """Share of all points that is confirmed; 0 without points."""
+        total = self.confirmed + self.hidden + self.free + self.unseen
+        return self.confirmed / total if total else 0.0
+
+    @property
+    def free_space_share(self) -> float:
+        """Share in free space of the points that are there or in free space; 1 where none is."""
+        known = self.confirmed + self.free
+        return self.free / known if known else 1.0
+
+
+def view_agreement(
+    points: npt.NDArray[np.float32], view: DepthView, T_view_points: npt.NDArray[np.float64]
+) -> ViewAgreement:
+    """Count what a view says of points (n, 3) float32 brought to its frame by T_view_points (4, 4).
+
+    A pixel and its eight neighbours are asked, within the tolerance of the view's sensor. Raises DataError for
+    other shapes or a pose that is not finite.
+    """
+    pose = np.asarray(T_view_points, dtype=np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise DataError(f"view_agreement: expected a finite pose (4, 4), got shape {pose.shape}")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError(f"view_agreement: expected points (n, 3), got {points.shape}")
+    counts = _counts(points, view, pose[None], 1, 1.0)
+    return ViewAgreement(*(int(c) for c in counts[0]))
+
+
+def coarse_overlaps(
+    query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Share of a few of the query's points that the match confirms, for poses (m, 4, 4)."""
+    points = query.counted[:: max(1, len(query.counted) // _COARSE_POINTS)]
+    counts = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
+    return np.asarray(counts[:, 0] / max(1, len(points)))
+
+
+def _counts(
+    points: npt.NDArray[np.float32],
+    view: DepthView,
+    poses: npt.NDArray[np.float64],
+    neighbours: int,
+    slack: float,
+) -> npt.NDArray[np.int64]:
+    from depthprint._kernels.agreement import count_agreement
+
+    kind, camera, wraps = view.camera()
+    counts = np.zeros((len(poses), 4), dtype=np.int64)
+    count_agreement(
+        np.ascontiguousarray(points, dtype=np.float32),
+        np.ascontiguousarray(poses, dtype=np.float64),
+        kind,
+        camera,
+        wraps,
+        view.ranges_m,
+        slack * np.array(view.settings.tolerance),
+        neighbours,
+        counts,
+    )
+    return counts

@@ -1,0 +1,112 @@
+"""What a geometric check must know of a sensor: its noise, its reach, how it moves, and what passes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from depthprint.errors import SettingsError
+from depthprint.projection import LaserRow
+from depthprint.range_image import RangeImage
+
+__all__ = ["VerificationSettings", "settings_for"]
+
+
+@dataclass(frozen=True)
+class VerificationSettings:
+    """How two views are aligned and when they count as one place.
+
+    columns: views are thinned to at most this many columns.
+    reach_m: returns further away are left out. voxel_m: spacing of the points that are aligned.
+    tolerance: ranges agree within tolerance[0] + tolerance[1] r + tolerance[2] r^2 metres.
+    ground_clearance_m: where the sensor's height is known, points lower than this above the ground are not
+        counted, since the ground of any two streets agrees.
+    forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
+    coarse_overlap: a start under this overlap is not refined. refined_starts: best starts that are.
+    max_pairing_m: points further apart are no pair in the alignment. max_offset_m: a longer T_match_query is refused.
+    min_points: fewer aligned points are refused. min_overlap: least share confirmed, both ways;
+        min_overlap_seconded: where a neighbouring frame was found at the same place.
+    max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways.
+    Raises SettingsError for values out of range.
+    """
+
+    columns: int = 160
+    reach_m: float = 40.0
+    voxel_m: float = 0.8
+    tolerance: tuple[float, float, float] = (0.2, 0.0, 0.003)
+    ground_clearance_m: float = 0.4
+    forward_m: tuple[float, ...] = (0.0,)
+    sideways_m: tuple[float, ...] = (0.0,)
+    yaw_rad: tuple[float, ...] = (0.0,)
+    pitch_rad: tuple[float, ...] = (0.0,)
+    coarse_overlap: float = 0.3
+    refined_starts: int = 2
+    max_pairing_m: float = 1.5
+    max_offset_m: float = 8.0
+    min_points: int = 50
+    min_overlap: float = 0.45
+    min_overlap_seconded: float = 0.35
+    max_free_space_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "refined_starts", "min_points"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"VerificationSettings: expected {name} >= 1, got {getattr(self, name)}")
+        for name in ("reach_m", "voxel_m", "max_pairing_m", "max_offset_m"):
+            if not getattr(self, name) > 0:
+                raise SettingsError(f"VerificationSettings: expected {name} > 0, got {getattr(self, name)}")
+        for name in ("coarse_overlap", "min_overlap", "min_overlap_seconded", "max_free_space_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise SettingsError(
+                    f"VerificationSettings: expected {name} in [0, 1], got {getattr(self, name)}"
+                )
+        for name in ("forward_m", "sideways_m", "yaw_rad", "pitch_rad"):
+            if not getattr(self, name):
+                raise SettingsError(f"VerificationSettings: expected at least one offset in {name}, got none")
+
+
+def _degrees(*angles: float) -> tuple[float, ...]:
+    return tuple(math.radians(angle) for angle in angles)
+
+
+_CAMERA = VerificationSettings(
+    forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
+    sideways_m=(0.0, -1.5, 1.5),
+    yaw_rad=_degrees(0, -5, 5, -10, 10),
+)
+_SPINNING = replace(
+    _CAMERA,
+    columns=360,
+    voxel_m=1.0,
+    tolerance=(0.3, 0.01, 0.0),
+    sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
+    yaw_rad=_degrees(0, -4, 4),
+)
+_HAND_HELD = VerificationSettings(
+    reach_m=8.0,
+    voxel_m=0.13,
+    tolerance=(0.04, 0.0, 0.006),
+    forward_m=(0.0, -0.25, 0.25),
+    yaw_rad=_degrees(0, -8, 8, -16, 16, -24, 24),
+    pitch_rad=_degrees(0, -8, 8, -16, 16),
+    max_pairing_m=0.3,
+    max_offset_m=2.5,
+)
+_ROW = VerificationSettings(
+    columns=360,
+    reach_m=50.0,
+    voxel_m=0.1,
+    tolerance=(0.3, 0.01, 0.0),
+    forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
+    sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
+    yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),
+)
+
+
+def settings_for(image: RangeImage) -> VerificationSettings:
+    """Settings that suit a frame's sensor: one row, spinning, a camera on a vehicle, or one held in the hand."""
+    if isinstance(image.projection, LaserRow):
+        return _ROW
+    if image.projection.horizontal_fov_rad > math.pi:
+        return _SPINNING
+    return _HAND_HELD if image.sensor_height_m is None else _CAMERA
