@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["IndexMatch", "QueryStatistics", "SignatureIndex", "StreamDistance"]
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
