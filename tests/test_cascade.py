@@ -80,7 +80,7 @@ def test_fused_distance_is_the_weighted_sum_of_both(encoder):
     for image in DEFAULT:
         fused.add(encoder.describe(image))
     found = fused.query(a, k=12)
-    assert [m.place for m in found][0] == 0
+    assert found[0].place == 0
     assert found == sorted(found, key=lambda m: m.distance)
     for match in found:
         assert match.distance == pytest.approx(

@@ -226,7 +226,7 @@ def test_ambiguous_match_names_its_rival():
 
 def test_match_that_no_recent_frame_supports_is_inconsistent():
     detector = LoopClosureDetector(
-        MeanRange(), exclusion_gap=4, threshold=0.5, consistent_frames=2, neighbourhood=2
+        MeanRange(), exclusion_gap=4, threshold=0.5, consistent_frames=1, neighbourhood=1
     )
     results = [detector.process(frame(v)) for v in (1, 2, 3, 4, 20, 30, 40, 50, 1, 2)]
     assert results[8].status is LoopStatus.INCONSISTENT_IN_TIME

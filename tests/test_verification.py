@@ -302,7 +302,9 @@ def test_view_is_thinned_and_keeps_its_geometry():
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_empty_and_out_of_reach_views_are_never_accepted(mirrored):
     nothing = make_depth_view(RangeImage(np.full((120, 160), 30.0, dtype=np.float32), HAND_HELD))
-    something = seen(block_world(1, extent_m=4.0, size_m=1.2), HAND_HELD, pose_at(HAND_HELD, 0, 0, 0, 1), None)
+    something = seen(
+        block_world(1, extent_m=4.0, size_m=1.2), HAND_HELD, pose_at(HAND_HELD, 0, 0, 0, 1), None
+    )
     pair = (something, nothing) if mirrored else (nothing, something)
     assert not GeometricVerifier().verify(*pair).accepted
     with pytest.raises(DataError, match="at least one return"):
@@ -310,9 +312,7 @@ def test_empty_and_out_of_reach_views_are_never_accepted(mirrored):
 
 
 def test_settings_follow_the_sensor():
-    row, spin = (
-        RangeImage(np.ones(p.directions().shape[:2], dtype=np.float32), p) for p in (ROW, SPINNING)
-    )
+    row, spin = (RangeImage(np.ones(p.directions().shape[:2], dtype=np.float32), p) for p in (ROW, SPINNING))
     camera = RangeImage(np.ones((94, 155), dtype=np.float32), STEREO)
     on_a_car = camera.replace(sensor_height_m=1.6)
     kinds = [settings_for(image) for image in (row, spin, camera, on_a_car)]

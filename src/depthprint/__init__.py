@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Any
 from depthprint._version import __version__
 
 if TYPE_CHECKING:
+    from depthprint.cascade import make_cascade
+    from depthprint.cascade_settings import CascadeSettings
     from depthprint.classification import NearestComplexityClassifier
     from depthprint.datasets.base import LoopTruth, ObjectSet, ObjectView, RangeSequence
     from depthprint.datasets.registry import open_objects, open_sequence
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
         ModelError,
         SettingsError,
     )
-    from depthprint.cascade import make_cascade
-    from depthprint.cascade_settings import CascadeSettings
     from depthprint.loop_closure import LoopClosureDetector
     from depthprint.loop_status import LoopResult, LoopStatus
     from depthprint.object_methods import make_object_method

@@ -13,7 +13,7 @@ from depthprint.errors import DataError, SettingsError
 __all__ = ["match_probabilities", "same_place_odds"]
 
 _STEPS = 50
-_RIDGE = 1e-3
+_RIDGE = 1e-5
 _LARGEST_LOG_ODDS = 30.0
 
 
@@ -55,9 +55,7 @@ def match_probabilities(
         raise SettingsError(f"match_probabilities: expected a return rate in (0, 1), got {return_rate}")
     ratios = np.asarray(odds, dtype=np.float64)
     if candidates < max(1, len(ratios)):
-        raise DataError(
-            f"match_probabilities: expected at least {len(ratios)} candidates, got {candidates}"
-        )
+        raise DataError(f"match_probabilities: expected at least {len(ratios)} candidates, got {candidates}")
     mass = np.append(return_rate / candidates * ratios, 1.0 - return_rate)
     return np.asarray(mass / mass.sum())
 

@@ -16,7 +16,13 @@ from depthprint.settings import PolarSettings
 if TYPE_CHECKING:
     from depthprint.verification.view_cache import ViewCache
 
-__all__ = ["PLACE_METHODS", "WITH_GEOMETRY", "PlaceMethodContext", "load_shipped_encoder", "make_place_recognizer"]
+__all__ = [
+    "PLACE_METHODS",
+    "WITH_GEOMETRY",
+    "PlaceMethodContext",
+    "load_shipped_encoder",
+    "make_place_recognizer",
+]
 
 WITH_GEOMETRY = "+geometry"
 

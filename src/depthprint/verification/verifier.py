@@ -1,4 +1,4 @@
-"""GeometricVerifier: are two views one place, and where was the one seen from the other?"""
+"""GeometricVerifier: says whether two views are one place, and where the one was seen from the other."""
 
 from __future__ import annotations
 
@@ -216,4 +216,3 @@ def _spread_best(poses: FloatArray, overlaps: FloatArray, count: int) -> list[in
         if len(chosen) == count:
             break
     return chosen
-
