@@ -29,7 +29,9 @@ class GramSvm:
     are those of the plain algorithm.
     """
 
-    def __init__(self, C: float = 10.0, *, tolerance: float = 0.01, max_passes: int = 3000, seed: int = 0) -> None:
+    def __init__(
+        self, C: float = 10.0, *, tolerance: float = 0.01, max_passes: int = 3000, seed: int = 0
+    ) -> None:
         if not (np.isfinite(C) and C > 0):
             raise SettingsError(f"C: expected a positive number, got {C!r}")
         self._ridge = 1.0 / (2.0 * C)
@@ -67,15 +69,19 @@ class GramSvm:
     def scores(self, gram: Float32Array) -> npt.NDArray[np.float64]:
         """Margins (m, n_labels) of vectors by their inner products (m, n) with the training vectors."""
         if gram.ndim != 2 or gram.shape[1] != len(self.multipliers):
-            raise DataError(f"GramSvm: expected inner products (m, {len(self.multipliers)}), got {gram.shape}")
+            raise DataError(
+                f"GramSvm: expected inner products (m, {len(self.multipliers)}), got {gram.shape}"
+            )
         return np.asarray(gram @ self.multipliers, dtype=np.float64)
 
-    def _descend(self, gram: Float32Array, signs: Float32Array, generator: np.random.Generator) -> Float32Array:
+    def _descend(
+        self, gram: Float32Array, signs: Float32Array, generator: np.random.Generator
+    ) -> Float32Array:
         from depthprint._kernels.blocks import one_blas_thread
         from depthprint._kernels.dual_descent import descend_block
 
         solved = np.zeros_like(signs)
-        active = np.arange(signs.shape[1])
+        active: npt.NDArray[np.intp] = np.arange(signs.shape[1])
         signs_left, left = signs, solved.copy()
         starts = np.arange(0, len(gram), BLOCK_ROWS)
         squares = [np.ascontiguousarray(gram[s : s + BLOCK_ROWS, s : s + BLOCK_ROWS]) for s in starts]

@@ -58,7 +58,9 @@ def gradient_descriptors(image: RangeImage, masked: bool = False) -> PatchDescri
     depth, _ = depth_and_points(image, PATCH_PX, masked)
     gx, gy, magnitude = depth_gradient(depth)
     along_x, along_y = (
-        gaussian_kernel(side.T.reshape(-1, 1), ORIENTATION_AXIS[:, None].astype(np.float32), ORIENTATION_GAMMA)
+        gaussian_kernel(
+            side.T.reshape(-1, 1), ORIENTATION_AXIS[:, None].astype(np.float32), ORIENTATION_GAMMA
+        )
         for side in (gx, gy)
     )
     kernels = along_x[:, :, None] * along_y[:, None, :]

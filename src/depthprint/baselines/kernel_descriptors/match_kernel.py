@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from depthprint.errors import SettingsError
 
 __all__ = ["MatchKernel", "gaussian_kernel", "grid_basis", "kpca_directions"]
 
-FloatArray = npt.NDArray[np.float64]
+FloatArray = npt.NDArray[np.floating[Any]]
 
 # A product eigenvector that sums to less than this is centred already.
 _CENTRED = 1e-12
@@ -80,7 +81,12 @@ class MatchKernel:
 
     @classmethod
     def build(
-        cls, attribute: FloatArray, spatial: FloatArray, attribute_gamma: float, spatial_gamma: float, dims: int
+        cls,
+        attribute: FloatArray,
+        spatial: FloatArray,
+        attribute_gamma: float,
+        spatial_gamma: float,
+        dims: int,
     ) -> MatchKernel:
         """Compute the directions of a basis; SettingsError for more than it has."""
         directions = kpca_directions(

@@ -11,7 +11,14 @@ from depthprint.errors import DataError
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 
-__all__ = ["GRID_STEP_PX", "PatchDescriptors", "centre_positions", "depth_and_points", "mirrored_image", "patch_corners"]
+__all__ = [
+    "GRID_STEP_PX",
+    "PatchDescriptors",
+    "centre_positions",
+    "depth_and_points",
+    "mirrored_image",
+    "patch_corners",
+]
 
 GRID_STEP_PX = 8
 
@@ -36,11 +43,11 @@ class PatchDescriptors:
         self.positions.setflags(write=False)
 
 
-def patch_corners(height: int, width: int, patch: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def patch_corners(shape: tuple[int, ...], patch: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """First rows and first columns of the patches of a centred grid."""
     rows, columns = (
         np.arange(((size - patch) % GRID_STEP_PX) // 2, size - patch + 1, GRID_STEP_PX, dtype=np.int64)
-        for size in (height, width)
+        for size in shape
     )
     return rows, columns
 
@@ -84,6 +91,8 @@ def mirrored_image(image: RangeImage) -> RangeImage:
         raise DataError(
             f"{image.source or 'mirrored_image'}: expected a pinhole image, got {type(camera).__name__}"
         )
-    turned = Pinhole(camera.fx, camera.fy, camera.width - 1 - camera.cx, camera.cy, camera.width, camera.height)
+    turned = Pinhole(
+        camera.fx, camera.fy, camera.width - 1 - camera.cx, camera.cy, camera.width, camera.height
+    )
     mask = None if image.mask is None else image.mask[:, ::-1]
     return image.replace(ranges_m=image.ranges_m[:, ::-1], projection=turned, mask=mask)

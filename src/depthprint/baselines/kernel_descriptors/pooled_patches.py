@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -21,7 +23,7 @@ LEAST_NORM = 0.8
 
 
 def describe_patches(
-    attribute_kernels: npt.NDArray[np.float32], magnitude: npt.NDArray[np.float32], kernel: MatchKernel
+    attribute_kernels: npt.NDArray[np.floating[Any]], magnitude: npt.NDArray[np.float32], kernel: MatchKernel
 ) -> PatchDescriptors:
     """Descriptors of the patches of a crop.
 
@@ -32,7 +34,7 @@ def describe_patches(
     """
     height, width = magnitude.shape
     n_attributes, n_axis = attribute_kernels.shape[2], len(SPATIAL_AXIS)
-    rows, columns = patch_corners(height, width, PATCH_PX)
+    rows, columns = patch_corners(magnitude.shape, PATCH_PX)
     weighted = attribute_kernels * magnitude.T[:, :, None]
     flat = weighted.reshape(width, -1)
     position = (np.arange(PATCH_PX) / PATCH_PX)[:, None]
@@ -42,13 +44,15 @@ def describe_patches(
     norms = np.empty((len(rows), len(columns)), dtype=np.float32)
     for c, left in enumerate(columns):
         right = left + PATCH_PX
-        along_x = (axis @ flat[left:right]).reshape(n_axis, height, n_attributes)
-        along_x = np.ascontiguousarray(along_x.transpose(1, 2, 0)).reshape(height, -1)
+        summed = (axis @ flat[left:right]).reshape(n_axis, height, n_attributes)
+        along_x = np.ascontiguousarray(summed.transpose(1, 2, 0)).reshape(height, -1)
         for r, top in enumerate(rows):
             bottom = top + PATCH_PX
             patch = (axis @ along_x[top:bottom]).reshape(n_axis, n_attributes, n_axis)
             sums[r, c] = patch.transpose(1, 0, 2)
             square = energy[bottom, right] - energy[top, right] - energy[bottom, left] + energy[top, left]
             norms[r, c] = max(LEAST_NORM, np.sqrt(max(square, 0.0)))
-    sums = sums.reshape(-1, n_attributes, n_axis * n_axis) / norms.reshape(-1, 1, 1)
-    return PatchDescriptors(kernel.project(sums), centre_positions(rows, columns, PATCH_PX, magnitude.shape))
+    scaled = sums.reshape(-1, n_attributes, n_axis * n_axis) / norms.reshape(-1, 1, 1)
+    return PatchDescriptors(
+        kernel.project(scaled), centre_positions(rows, columns, PATCH_PX, magnitude.shape)
+    )

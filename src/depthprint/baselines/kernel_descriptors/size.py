@@ -39,7 +39,7 @@ def size_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
     from depthprint._kernels.point_kernels import mean_distance_kernels
 
     depth, points = depth_and_points(image, PATCH_PX, masked)
-    rows, columns = patch_corners(*depth.shape, PATCH_PX)
+    rows, columns = patch_corners(depth.shape, PATCH_PX)
     half = PATCH_PX // 2
     centres = points[np.ix_(rows + half, columns + half)].reshape(-1, 3)
     positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
@@ -48,6 +48,10 @@ def size_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
         cloud = cloud[np.random.default_rng(SAMPLING_SEED).permutation(len(cloud))[:MOST_POINTS]]
     known = centres[:, 2] > 0
     sums = mean_distance_kernels(
-        centres[known], np.ascontiguousarray(cloud), len(DISTANCE_AXIS_M), float(DISTANCE_AXIS_M[1]), DISTANCE_GAMMA
+        centres[known],
+        np.ascontiguousarray(cloud),
+        len(DISTANCE_AXIS_M),
+        float(DISTANCE_AXIS_M[1]),
+        DISTANCE_GAMMA,
     )
     return PatchDescriptors(size_kernel().project(sums.astype(np.float32)[:, :, None]), positions[known])

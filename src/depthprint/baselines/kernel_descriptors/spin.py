@@ -74,7 +74,7 @@ def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
 
     depth, points = depth_and_points(image, PATCH_PX, masked)
     normals = surface_normals(points)
-    rows, columns = patch_corners(*depth.shape, PATCH_PX)
+    rows, columns = patch_corners(depth.shape, PATCH_PX)
     positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
     order = np.random.default_rng(SAMPLING_SEED).permutation(PATCH_PX * PATCH_PX)
     coordinates, counts = spin_coordinates(
@@ -84,9 +84,7 @@ def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
     return PatchDescriptors(_project(coordinates[known], counts[known]), positions[known])
 
 
-def _project(
-    coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]
-) -> npt.NDArray[np.float32]:
+def _project(coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
     """Mean of the kernels of (cos, along, across), (m, 256, 3), over the first ``counts`` points of each."""
     kernel = spin_kernel()
     cosine, along, across = (coordinates[..., k, None] for k in range(3))
