@@ -121,9 +121,9 @@ def test_gradient_descriptor_is_the_weighted_sum_over_its_pixels():
 def test_gradient_of_a_slope_is_its_slope():
     columns = np.broadcast_to(np.arange(20, dtype=np.float32), (20, 20))
     gx, gy, magnitude = (side[6:-6, 6:-6] for side in depth_gradient(1 + 0.01 * columns))
-    np.testing.assert_allclose(gx, 1.0, atol=1e-4)
+    # Correlated, not convolved: the orientation points to where the surface comes nearer.
+    np.testing.assert_allclose(gx, -1.0, atol=1e-4)
     np.testing.assert_allclose(gy, 0.0, atol=1e-3)
-    # The filter is as long as two pixels' difference, weighed by 2 over its absolute sum.
     assert np.ptp(magnitude) < 1e-5
     assert 0.01 < magnitude[0, 0] < 0.05
 
@@ -265,7 +265,7 @@ def test_size_of_a_mirrored_crop_is_the_same_in_mirrored_places():
 
 
 def test_other_cameras_and_unknown_kinds_are_refused():
-    scan = RangeImage(np.ones((1, 9)), LaserRow(width=9), source="scan 7")
+    scan = RangeImage(np.ones((1, 9)), LaserRow(9, -1.0, 0.1), source="scan 7")
     with pytest.raises(DataError, match="scan 7: expected a pinhole image, got LaserRow"):
         describe_crops([scan], "spin")
     with pytest.raises(DataError, match="scan 7"):
