@@ -257,11 +257,16 @@ def test_a_mirrored_crop_holds_the_mirrored_points():
     np.testing.assert_array_equal(mirrored_image(mirrored_image(image)).ranges_m, image.ranges_m)
 
 
-def test_size_of_a_mirrored_crop_is_the_same_in_mirrored_places():
-    image = crop(40, 41)
-    first, second = (size_descriptors(im) for im in (image, mirrored_image(image)))
-    assert first.vectors.shape == (1, 50)
-    np.testing.assert_allclose(first.vectors, second.vectors, atol=1e-5)
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.mirror_free])
+def test_a_mirror_leaves_distances_and_angles_as_they_are(kind):
+    image = crop(57, 73)  # so many pixels that the mirrored grid is the grid
+    described, mirrored = describe_crops([image, mirrored_image(image)], kind)
+    turned = described.mirrored()
+    assert len(mirrored.vectors) > 10
+    order, expected = (np.lexsort(np.round(d.positions, 4).T) for d in (mirrored, turned))
+    np.testing.assert_allclose(mirrored.positions[order], turned.positions[expected], atol=1 / 57 + 1e-6)
+    near = np.abs(mirrored.vectors[order] - turned.vectors[expected]).max(1)
+    assert np.median(near) < 0.02 * np.abs(turned.vectors).max()
 
 
 def test_other_cameras_and_unknown_kinds_are_refused():

@@ -56,15 +56,9 @@ class LinearSvmMethod:
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
     ) -> tuple[npt.NDArray[np.float64], IndexArray]:
         """Margins (n_test, n_labels), and the labels (n_labels,) of their columns; views may be added up."""
-        # Views of wide features are compared block by block, so that the whole width is never in memory.
-        among: Float32Array | float = 0.0
-        across: Float32Array | float = 0.0
-        for known, asked in self._features.blocks(train, test):
-            among = among + known @ known.T
-            across = across + asked @ known.T
-        gram = np.asarray(among, dtype=np.float32)
-        machine = GramSvm(self._C).fit(gram, np.tile(train_labels, len(gram) // len(train)))
-        return machine.scores(np.asarray(across, dtype=np.float32)), np.asarray(machine.labels)
+        among, across = _inner_products(self._features.blocks(train, test))
+        machine = GramSvm(self._C).fit(among, np.tile(train_labels, len(among) // len(train)))
+        return machine.scores(across), np.asarray(machine.labels)
 
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
         """Label of the largest margin."""
@@ -130,7 +124,7 @@ class KernelDescriptorViews:
         """Compute all descriptors; ``progress`` counts views over all kinds."""
         rounds = [(kind, False) for kind in self._kinds]
         if self._mirror:
-            rounds += [(kind, True) for kind in self._kinds]
+            rounds += [(kind, True) for kind in self._kinds if not KINDS[kind].mirror_free]
         turned = [mirrored_image(image) for image in images] if self._mirror else []
         for number, (kind, mirrored) in enumerate(rounds):
 
@@ -140,6 +134,8 @@ class KernelDescriptorViews:
 
             crops = describe_crops(turned if mirrored else images, kind, masked=self._masked, progress=report)
             (self._mirrored if mirrored else self._crops)[kind] = crops
+            if self._mirror and KINDS[kind].mirror_free:
+                self._mirrored[kind] = [crop.mirrored() for crop in crops]
 
     def blocks(self, train: IndexArray, test: IndexArray) -> Iterator[tuple[Float32Array, Float32Array]]:
         """One block a kind."""
@@ -157,3 +153,13 @@ class KernelDescriptorViews:
                 power_transform(match_features(known, vocabulary)),
                 power_transform(match_features(asked, vocabulary)),
             )
+
+
+def _inner_products(blocks: Iterator[tuple[Float32Array, Float32Array]]) -> tuple[Float32Array, Float32Array]:
+    """Products (n, n) among training rows and (m, n) of test rows with them; never all columns in memory."""
+    known, asked = next(blocks)
+    among, across = known @ known.T, asked @ known.T
+    for known, asked in blocks:
+        among += known @ known.T
+        across += asked @ known.T
+    return among, across

@@ -31,7 +31,10 @@ POWER = 0.3
 
 def power_transform(features: Float32Array) -> Float32Array:
     """sign(x) |x|^0.3: what the authors give their classifier."""
-    return np.asarray(np.sign(features) * np.abs(features) ** np.float32(POWER))
+    powers = np.abs(features)
+    np.power(powers, np.float32(POWER), out=powers)
+    np.copysign(powers, features, out=powers)
+    return powers
 
 
 class KernelDescriptorFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]

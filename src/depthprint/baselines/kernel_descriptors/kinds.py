@@ -20,17 +20,22 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class DescriptorKind:
-    """One descriptor: how a crop is described, and the gamma of its efficient match kernel."""
+    """One descriptor.
+
+    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. mirror_free: made of
+    distances and angles alone, which a mirror leaves as they are.
+    """
 
     describe: Callable[[RangeImage, bool], PatchDescriptors]
     match_gamma: float
+    mirror_free: bool
 
 
 KINDS = {
-    "gradient": DescriptorKind(gradient_descriptors, 0.001),
-    "lbp": DescriptorKind(lbp_descriptors, 0.1),
-    "spin": DescriptorKind(spin_descriptors, 0.1),
-    "size": DescriptorKind(size_descriptors, 1.0),
+    "gradient": DescriptorKind(gradient_descriptors, 0.001, mirror_free=False),
+    "lbp": DescriptorKind(lbp_descriptors, 0.1, mirror_free=False),
+    "spin": DescriptorKind(spin_descriptors, 0.1, mirror_free=True),
+    "size": DescriptorKind(size_descriptors, 1.0, mirror_free=True),
 }
 
 

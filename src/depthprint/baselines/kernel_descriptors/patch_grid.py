@@ -42,6 +42,12 @@ class PatchDescriptors:
         self.vectors.setflags(write=False)
         self.positions.setflags(write=False)
 
+    def mirrored(self) -> PatchDescriptors:
+        """The same vectors at mirrored places: the mirror image's, for descriptors that no mirror changes."""
+        positions = self.positions.copy()
+        positions[:, 0] = 1.0 - positions[:, 0]
+        return PatchDescriptors(self.vectors, positions)
+
 
 def patch_corners(shape: tuple[int, ...], patch: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """First rows and first columns of the patches of a centred grid."""
