@@ -24,7 +24,7 @@ LINEAR = ["kdes-all", "kdes-gradient-aided", "kdes-lbp-aided", "hog-svm", "spars
 
 @pytest.fixture(scope="module")
 def crops():
-    objects = simulated_objects(n_categories=3, n_instances=3, frames=1, seed=5)
+    objects = simulated_objects(n_categories=3, n_instances=2, frames=1, seed=5)
     categories = np.array([view.category for view in objects.views])
     return [objects.read(view) for view in objects.views], np.unique(categories, return_inverse=True)[1]
 
@@ -58,14 +58,13 @@ def test_every_kind_is_registered_plain_and_aided():
 
 def test_words_come_from_training_views_alone(crops):
     images, labels = crops
-    train, test = np.arange(0, 20), np.arange(20, 27)
+    train = np.arange(0, 14)
     margins = []
-    for last in (images[20:], [mirrored_image(im).replace(ranges_m=im.ranges_m * 1.5) for im in images[20:]]):
-        method = LinearSvmMethod("spin", KernelDescriptorViews(("spin",), n_words=50), C=10.0)
-        method.prepare([*images[:20], *last])
+    for last in (images[14:], [im.replace(ranges_m=im.ranges_m * 1.5) for im in images[14:]]):
+        method = LinearSvmMethod("size", KernelDescriptorViews(("size",), n_words=50), C=10.0)
+        method.prepare([*images[:14], *last])
         margins.append(method.scores(train, labels[train], train)[0])
     np.testing.assert_array_equal(*margins)
-    assert len(test) == 7
 
 
 def test_all_four_are_the_four_side_by_side(crops):
@@ -83,8 +82,8 @@ def test_all_four_are_the_four_side_by_side(crops):
 
 def test_the_pipeline_gives_the_margins_of_the_method(crops):
     images, labels = crops
-    test = np.arange(0, 27, 3)
-    train = np.setdiff1d(np.arange(27), test)
+    test = np.arange(0, 18, 3)
+    train = np.setdiff1d(np.arange(18), test)
     method = LinearSvmMethod("both", KernelDescriptorViews(("gradient", "size"), n_words=30), C=10.0)
     method.prepare(images)
     expected, _ = method.scores(train, labels[train], test)
@@ -130,7 +129,7 @@ def test_using_a_method_before_prepare_is_an_error():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "least"), [("kdes-spin", 0.6), ("kdes-gradient", 0.5), ("hog-svm", 0.4)])
+@pytest.mark.parametrize(("name", "least"), [("kdes-spin", 0.6), ("hog-svm", 0.4)])
 def test_cad51_categories_are_learned(data_root, name, least):
     if name == "hog-svm":
         pytest.importorskip("skimage")
