@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.svm import LinearSVC
 
-from depthprint.baselines.linear_svm import GramSvm, LinearSvm
+from depthprint.baselines.linear_svm import GramSvm, LinearSvm, gram_matrix
 from depthprint.errors import ConvergenceError, DataError, SettingsError
 
 
@@ -63,12 +63,24 @@ def test_the_same_seed_gives_the_same_bits():
     np.testing.assert_array_equal(first, second)
 
 
+@pytest.mark.parametrize("n", [1, 512, 700])
+def test_inner_products_of_all_pairs(n):
+    x, _ = samples(n=n, dims=7)
+    gram = gram_matrix(x)
+    np.testing.assert_allclose(gram, x.astype(np.float64) @ x.T.astype(np.float64), atol=1e-4)
+    np.testing.assert_allclose(gram, gram.T, rtol=1e-5, atol=1e-5)
+
+
 def test_what_cannot_be_is_refused():
     x, y = samples(n=12)
     with pytest.raises(SettingsError, match="C: expected a positive number"):
         GramSvm(0.0)
     with pytest.raises(DataError, match=r"expected a matrix \(12, 12\)"):
         GramSvm().fit(x, y)
+    spoiled = x @ x.T
+    spoiled[3, 4] = np.nan
+    with pytest.raises(DataError, match="finite"):
+        GramSvm().fit(spoiled, y)
     with pytest.raises(DataError, match="two classes"):
         GramSvm().fit(x @ x.T, np.zeros(12))
     with pytest.raises(DataError, match=r"inner products \(m, 12\)"):

@@ -12,7 +12,7 @@ from depthprint.baselines.kernel_descriptors.estimators import power_transform
 from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
 from depthprint.baselines.kernel_descriptors.match_features import learn_vocabulary, match_features
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, mirrored_image
-from depthprint.baselines.linear_svm import GramSvm
+from depthprint.baselines.linear_svm import GramSvm, gram_matrix
 from depthprint.errors import DataError
 from depthprint.range_image import RangeImage
 
@@ -158,8 +158,8 @@ class KernelDescriptorViews:
 def _inner_products(blocks: Iterator[tuple[Float32Array, Float32Array]]) -> tuple[Float32Array, Float32Array]:
     """Products (n, n) among training rows and (m, n) of test rows with them; never all columns in memory."""
     known, asked = next(blocks)
-    among, across = known @ known.T, asked @ known.T
+    among, across = gram_matrix(known), asked @ known.T
     for known, asked in blocks:
-        among += known @ known.T
+        among += gram_matrix(known)
         across += asked @ known.T
     return among, across

@@ -12,11 +12,26 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from depthprint.errors import ConvergenceError, DataError, SettingsError
 
-__all__ = ["GramSvm", "LinearSvm"]
+__all__ = ["GramSvm", "LinearSvm", "gram_matrix"]
 
 Float32Array = npt.NDArray[np.float32]
 
 BLOCK_ROWS = 64
+GRAM_BLOCK_ROWS = 512
+
+
+def gram_matrix(vectors: Float32Array) -> Float32Array:
+    """Inner products (n, n) of rows, the same bits on any number of threads."""
+    from depthprint._kernels.blocks import for_blocks
+
+    gram = np.empty((len(vectors), len(vectors)), dtype=np.float32)
+
+    def block(start: int, stop: int) -> None:
+        gram[start:stop, :stop] = vectors[start:stop] @ vectors[:stop].T
+        gram[:start, start:stop] = gram[start:stop, :start].T
+
+    for_blocks(len(vectors), GRAM_BLOCK_ROWS, block)
+    return gram
 
 
 class GramSvm:
@@ -53,6 +68,8 @@ class GramSvm:
             raise DataError(
                 f"GramSvm: expected a matrix ({len(given)}, {len(given)}) for {len(given)} labels, got {gram.shape}"
             )
+        if not np.isfinite(gram).all():
+            raise DataError("GramSvm: expected finite inner products, got NaN or infinity")
         self.labels, numbers = np.unique(given, return_inverse=True)
         if len(self.labels) < 2:
             raise DataError(f"GramSvm: expected two classes or more, got {len(self.labels)}")
@@ -126,7 +143,7 @@ class LinearSvm(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         check_classification_targets(labels)
         machine = GramSvm(
             self.C, tolerance=self.tolerance, max_passes=self.max_passes, seed=self.random_state
-        ).fit(vectors @ vectors.T, labels)
+        ).fit(gram_matrix(vectors), labels)
         self.classes_ = machine.labels
         self.coef_ = machine.multipliers.T @ vectors
         self.n_iter_ = machine.n_passes

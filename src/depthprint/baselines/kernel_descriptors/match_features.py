@@ -69,6 +69,7 @@ def learn_vocabulary(
     has a descriptor. Source: Bo and Sminchisescu 2009.
     """
     from sklearn.cluster import KMeans
+    from threadpoolctl import threadpool_limits
 
     if n_words < 1:
         raise SettingsError(f"n_words: expected at least 1, got {n_words}")
@@ -83,9 +84,10 @@ def learn_vocabulary(
     sample = np.unique(np.concatenate(drawn), axis=0)
     if len(sample) <= n_words:
         return Vocabulary.of(sample, gamma)
-    # np.unique has sorted them; the first centres are drawn, so the order does not matter.
     means = KMeans(n_words, init="random", n_init=1, max_iter=KMEANS_STEPS, tol=0.0, random_state=seed)
-    return Vocabulary.of(means.fit(sample).cluster_centers_, gamma)
+    # Threads would add up the members of a cluster in another order each time.
+    with threadpool_limits(1):
+        return Vocabulary.of(means.fit(sample).cluster_centers_, gamma)
 
 
 def match_features(
