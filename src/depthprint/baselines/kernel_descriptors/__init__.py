@@ -1,0 +1,1 @@
+"""Kernel descriptors of depth (gradient, LBP, spin, size) with efficient match kernels and a linear SVM."""

@@ -1,0 +1,66 @@
+"""The four kernel descriptors by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from depthprint.baselines.kernel_descriptors.gradient import gradient_descriptors
+from depthprint.baselines.kernel_descriptors.lbp import lbp_descriptors
+from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
+from depthprint.baselines.kernel_descriptors.size import size_descriptors
+from depthprint.baselines.kernel_descriptors.spin import spin_descriptors
+from depthprint.errors import SettingsError
+from depthprint.range_image import RangeImage
+
+__all__ = ["KINDS", "DescriptorKind", "describe_crops", "descriptor_kind"]
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class DescriptorKind:
+    """One descriptor.
+
+    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. mirror_free: made of
+    distances and angles alone, which a mirror leaves as they are.
+    """
+
+    describe: Callable[[RangeImage, bool], PatchDescriptors]
+    match_gamma: float
+    mirror_free: bool
+
+
+KINDS = {
+    "gradient": DescriptorKind(gradient_descriptors, 0.001, mirror_free=False),
+    "lbp": DescriptorKind(lbp_descriptors, 0.1, mirror_free=False),
+    "spin": DescriptorKind(spin_descriptors, 0.1, mirror_free=True),
+    "size": DescriptorKind(size_descriptors, 1.0, mirror_free=True),
+}
+
+
+def descriptor_kind(name: str) -> DescriptorKind:
+    """The descriptor of a name; SettingsError for one that there is not."""
+    if name not in KINDS:
+        raise SettingsError(f"kernel descriptor: expected one of {', '.join(KINDS)}, got {name!r}")
+    return KINDS[name]
+
+
+def describe_crops(
+    images: Sequence[RangeImage], kind: str, *, masked: bool = False, progress: Progress | None = None
+) -> list[PatchDescriptors]:
+    """Descriptors of crops in order, on as many threads as numba may use.
+
+    masked: leave out the depth around the object. Raises DataError (naming the frame) for other than pinhole
+    images, SettingsError for an unknown kind.
+    """
+    from depthprint._kernels.blocks import for_blocks
+
+    describe = descriptor_kind(kind).describe
+    described: list[PatchDescriptors | None] = [None] * len(images)
+
+    def block(start: int, stop: int) -> None:
+        described[start:stop] = [describe(images[number], masked) for number in range(start, stop)]
+
+    for_blocks(len(images), 8, block, progress)
+    return [crop for crop in described if crop is not None]

@@ -1,0 +1,100 @@
+"""Spin kernel descriptor: normals and places of the points around a point, in its own frame."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, grid_basis
+from depthprint.baselines.kernel_descriptors.patch_grid import (
+    PatchDescriptors,
+    centre_positions,
+    depth_and_points,
+    patch_corners,
+)
+from depthprint.range_image import RangeImage
+
+__all__ = ["spin_descriptors", "spin_kernel", "surface_normals"]
+
+FloatArray = npt.NDArray[np.float64]
+
+DIMS = 200
+PATCH_PX = 40
+RADIUS_M = 0.05
+ANGLES_RAD = np.linspace(0.0, 2 * np.pi, 50)
+ALONG_AXIS_M = np.linspace(-RADIUS_M, RADIUS_M, 10)
+ACROSS_AXIS_M = np.linspace(0.0, RADIUS_M, 5)
+ANGLE_GAMMA = 3.0
+SPATIAL_GAMMA = 300.0
+NORMAL_WINDOW_PX = 11
+NORMAL_DEPTH_RATIO = 0.01
+NORMAL_LEAST_POINTS = 4
+LEAST_POINTS, MOST_POINTS = 11, 256
+SAMPLING_SEED = 0
+
+
+@lru_cache(maxsize=1)
+def spin_kernel() -> MatchKernel:
+    """Match kernel of 50 angles as (sin, cos), and of places: 10 along the normal x 5 across, metres."""
+    return MatchKernel.build(
+        np.stack([np.sin(ANGLES_RAD), np.cos(ANGLES_RAD)], axis=1),
+        grid_basis(ALONG_AXIS_M, ACROSS_AXIS_M),
+        ANGLE_GAMMA,
+        SPATIAL_GAMMA,
+        DIMS,
+    )
+
+
+def surface_normals(points: FloatArray) -> FloatArray:
+    """Unit normals (h, w, 3) of points (h, w, 3) with z = 0 for no return; zero where too few points lie near.
+
+    Principal component of least variance in windows of 11 x 11 pixels, over points within 1 % of the depth,
+    oriented away from the camera.
+    """
+    from depthprint._kernels.point_kernels import window_covariances
+
+    covariances, counts = window_covariances(
+        np.ascontiguousarray(points), NORMAL_WINDOW_PX // 2, NORMAL_DEPTH_RATIO
+    )
+    normals = np.linalg.eigh(covariances)[1][..., 0]
+    away = np.sign((normals * points).sum(-1, keepdims=True))
+    normals = normals * np.where(away == 0, 1.0, away)
+    return np.where((counts >= NORMAL_LEAST_POINTS)[..., None], normals, 0.0)
+
+
+def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
+    """Descriptors (m, 200) about the points 8 pixels apart, 20 from the border at least.
+
+    A place without return, or with ten points or fewer within 5 cm, has none; of more than 256 points a fixed
+    random choice counts. Raises DataError as depth_and_points does. Source: Bo, Ren and Fox 2011, section III.
+    """
+    from depthprint._kernels.point_kernels import spin_coordinates
+
+    depth, points = depth_and_points(image, PATCH_PX, masked)
+    normals = surface_normals(points)
+    rows, columns = patch_corners(depth.shape, PATCH_PX)
+    positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
+    order = np.random.default_rng(SAMPLING_SEED).permutation(PATCH_PX * PATCH_PX)
+    coordinates, counts = spin_coordinates(
+        np.ascontiguousarray(points), normals, rows, columns, PATCH_PX, order, RADIUS_M, MOST_POINTS
+    )
+    known = counts >= LEAST_POINTS
+    return PatchDescriptors(_project(coordinates[known], counts[known]), positions[known])
+
+
+def _project(coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """Mean of the kernels of (cos, along, across), (m, 256, 3), over the first ``counts`` points of each."""
+    kernel = spin_kernel()
+    cosine, along, across = (coordinates[..., k, None] for k in range(3))
+    sine = np.sqrt(np.maximum(1 - cosine**2, 0))
+    sines, cosines = kernel.attribute.T.astype(np.float32)
+    # Both are unit vectors: ||a - b||^2 = 2 - 2 a.b
+    attribute = np.exp(2 * ANGLE_GAMMA * (sine * sines + cosine * cosines - 1))
+    near_along = np.exp(-SPATIAL_GAMMA * (along - ALONG_AXIS_M.astype(np.float32)) ** 2)
+    near_across = np.exp(-SPATIAL_GAMMA * (across - ACROSS_AXIS_M.astype(np.float32)) ** 2)
+    counted = np.arange(coordinates.shape[1]) < counts[:, None]
+    share = (counted / np.maximum(counts, 1)[:, None]).astype(np.float32)[..., None]
+    spatial = (near_along[..., :, None] * near_across[..., None, :]).reshape(*cosine.shape[:2], -1)
+    return kernel.project(np.swapaxes(attribute * share, 1, 2) @ spatial)
