@@ -1,4 +1,4 @@
-"""Train the FAB-MAP models that the package ships, on simulated worlds alone: tools/train_shipped_fabmap.py [PRESET ...].
+"""Train the FAB-MAP models that ship, on simulated worlds alone: tools/train_shipped_fabmap.py [PRESET ...].
 
 The frames are those of tools/train_shipped_models.py: no seed is used by the demo, the tests or the evaluation.
 """

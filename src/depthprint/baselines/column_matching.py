@@ -33,7 +33,12 @@ def shift_columns(columns: Float32Array, shift: int, *, wraps: bool) -> Float32A
 
 
 def column_distances(
-    query: Float32Array, rows: Float32Array, occupied: Float32Array, shifts: npt.NDArray[np.int64], *, wraps: bool
+    query: Float32Array,
+    rows: Float32Array,
+    occupied: Float32Array,
+    shifts: npt.NDArray[np.int64],
+    *,
+    wraps: bool,
 ) -> Float32Array:
     """(shifts, n): one minus the mean cosine over the columns that hold something in both.
 

@@ -45,7 +45,12 @@ class MapClosuresRecognizer:
         hamming_threshold: int = 50,
         least_inliers: int = 3,
     ) -> None:
-        if not resolution_m > 0 or not 0 <= density_threshold < 1 or hamming_threshold < 1 or least_inliers < 1:
+        if (
+            not resolution_m > 0
+            or not 0 <= density_threshold < 1
+            or hamming_threshold < 1
+            or least_inliers < 1
+        ):
             raise SettingsError(
                 "MapClosuresRecognizer: expected resolution_m > 0, density_threshold in [0, 1) and whole thresholds "
                 f">= 1, got {resolution_m}, {density_threshold}, {hamming_threshold} and {least_inliers}"
@@ -67,8 +72,8 @@ class MapClosuresRecognizer:
 
     def describe(self, image: RangeImage) -> FloatArray:
         """Points (n, 3) float64 of one frame, metres, x forward, y left, z up."""
-        points = image.require_returns().points_flu().reshape(-1, 3).astype(np.float64)
-        return points[np.isfinite(points[:, 0])]
+        points = image.require_returns().points_flu().reshape(-1, 3)
+        return np.asarray(points[np.isfinite(points[:, 0])], dtype=np.float64)
 
     def add(self, description: FloatArray) -> int:
         """Store a place; where it was the last query, the package holds it already."""

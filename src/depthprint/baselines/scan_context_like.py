@@ -64,9 +64,7 @@ class ScanContextLikeRecognizer:
         rows, occupied = self._columns.rows(limit), self._occupied.rows(limit)
         if not len(rows):
             return []
-        distances = column_distances(
-            description, rows, occupied, self._shifts, wraps=self._polar.full_circle
-        )
+        distances = column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
         best = distances.argmin(0)
         return nearest_matches(distances.min(0), k, self._shifts[best].astype(np.float64))
 

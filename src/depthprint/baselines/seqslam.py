@@ -103,7 +103,7 @@ class SeqSlamRecognizer:
         rows = [enhanced_contrast(row, self._window) for row in [self._differences(description, n), *earlier]]
         totals = np.zeros((len(self._steps), n))
         for total, steps in zip(totals, self._steps, strict=True):
-            for row, back in zip(rows, steps, strict=False):
+            for row, back in zip(rows, [int(step) for step in steps], strict=False):
                 # a recent frame knows only the places older than itself
                 ends = min(n, len(row) + back)
                 total[back:ends] += row[: max(0, ends - back)]

@@ -42,7 +42,9 @@ def read_match_file(path: Path | str, truth: TruthMatrix) -> dict[int, ImportedM
     reader.fieldnames = header
     score = "score" if "score" in header else "distance"
     if "query" not in header or "match" not in header or score not in header:
-        raise DataError(f"{path}: expected the columns {', '.join(_COLUMNS)}, got {', '.join(header) or 'nothing'}")
+        raise DataError(
+            f"{path}: expected the columns {', '.join(_COLUMNS)}, got {', '.join(header) or 'nothing'}"
+        )
     found: dict[int, ImportedMatch] = {}
     try:
         for row in reader:
@@ -51,10 +53,14 @@ def read_match_file(path: Path | str, truth: TruthMatrix) -> dict[int, ImportedM
             if matched is None:
                 continue
             if matched.query in found:
-                raise DataError(f"{where}: expected one row a query, got a second one of query {matched.query}")
+                raise DataError(
+                    f"{where}: expected one row a query, got a second one of query {matched.query}"
+                )
             found[matched.query] = matched
     except csv.Error as error:
-        raise DataError(f"{path}, line {reader.line_num}: expected a CSV file of matches, got {error}") from error
+        raise DataError(
+            f"{path}, line {reader.line_num}: expected a CSV file of matches, got {error}"
+        ) from error
     return found
 
 

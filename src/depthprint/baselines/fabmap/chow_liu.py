@@ -34,11 +34,14 @@ class ChowLiuTree:
 
     def __post_init__(self) -> None:
         for name in ("parent", "p", "p_given_parent", "p_given_none"):
-            array = np.array(getattr(self, name), dtype=np.int32 if name == "parent" else np.float64)
+            array: npt.NDArray[Any] = np.array(
+                getattr(self, name), dtype=np.int32 if name == "parent" else np.float64
+            )
             if array.shape != np.shape(self.p) or array.ndim != 1:
-                raise DataError(f"ChowLiuTree: expected {name} of shape {np.shape(self.p)}, got {array.shape}")
-            low, high = (0, len(array)) if name == "parent" else (0.0, 1.0)
-            good = (array >= low) & (array < high) if name == "parent" else (array > low) & (array < high)
+                raise DataError(
+                    f"ChowLiuTree: expected {name} of shape {np.shape(self.p)}, got {array.shape}"
+                )
+            good = (array >= 0) & (array < len(array)) if name == "parent" else (array > 0) & (array < 1)
             if not good.all():
                 word = int(np.argmin(good))
                 raise DataError(f"ChowLiuTree: word {word} has the impossible {name} {array[word]}")

@@ -31,7 +31,7 @@ def sequential_clusters(
         raise DataError(f"sequential_clusters: expected descriptors (n, d), n >= 1, got {descriptors.shape}")
     if not cluster_size > 0:
         raise SettingsError(f"sequential_clusters: expected cluster_size > 0, got {cluster_size}")
-    centres = np.empty((0, descriptors.shape[1]), dtype=np.float32)
+    centres: Float32Array = np.empty((0, descriptors.shape[1]), dtype=np.float32)
     for start in range(0, len(descriptors), _CHUNK):
         chunk = descriptors[start : start + _CHUNK]
         far = chunk

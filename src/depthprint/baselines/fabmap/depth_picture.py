@@ -33,7 +33,12 @@ class DepthPicture:
     smoothing: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.near_m < self.far_m or self.width < 16 or self.least_height < 16 or self.smoothing < 0:
+        if (
+            not 0 < self.near_m < self.far_m
+            or self.width < 16
+            or self.least_height < 16
+            or self.smoothing < 0
+        ):
             raise SettingsError(
                 "DepthPicture: expected 0 < near_m < far_m, width and least_height >= 16 and smoothing >= 0, got "
                 f"{self.near_m}, {self.far_m}, {self.width}, {self.least_height} and {self.smoothing}"

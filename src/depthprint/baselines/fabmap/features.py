@@ -33,10 +33,11 @@ class SiftFeatures:
             raise DataError(
                 f"SiftFeatures: expected a grey (height, width) uint8 image, got {picture.dtype} {picture.shape}"
             )
-        import cv2
-
         if self._detector is None:
-            self._detector = cv2.SIFT_create(nfeatures=self._n_features, contrastThreshold=self._contrast)
+            import cv2
+
+            create: Any = cv2.SIFT_create  # type: ignore[attr-defined]
+            self._detector = create(nfeatures=self._n_features, contrastThreshold=self._contrast)
         keypoints, descriptors = self._detector.detectAndCompute(picture, None)
         if descriptors is None:
             return np.zeros((0, 128), dtype=np.float32)

@@ -73,11 +73,7 @@ class LikelihoodIndex:
         )
         totals = np.frombuffer(self._defaults, dtype=np.float64, count=n).copy() if n else np.empty(0)
         totals += everywhere
-        for word, gain in zip(changed.tolist(), gains.tolist(), strict=True):
-            posting = self._postings[word]
-            if posting:
-                places = np.frombuffer(posting, dtype=np.int32)
-                if n < len(self):
-                    places = places[: np.searchsorted(places, n)]
-                totals[places] += gain
-        return totals
+        postings = [self._postings[word] for word in changed.tolist()]
+        places = np.frombuffer(b"".join(map(bytes, postings)), dtype=np.int32)
+        gained = np.repeat(gains, [len(posting) for posting in postings])
+        return totals + np.bincount(places, gained, minlength=n)[:n]

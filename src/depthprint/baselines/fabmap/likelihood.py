@@ -1,4 +1,4 @@
-"""The likelihood of FAB-MAP 1: every word of the vocabulary at every place. Exact, slow, and what the index must equal."""
+"""The likelihood of FAB-MAP 1: every word at every place. Exact, slow, and what the index must equal."""
 
 from __future__ import annotations
 

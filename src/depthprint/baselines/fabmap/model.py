@@ -43,8 +43,15 @@ class FabMapModel:
         if not self.training:
             raise DataError("FabMapModel: expected the words of at least one training image, got none")
         for words in self.training:
-            if words.ndim != 1 or (np.diff(words) <= 0).any() or (words < 0).any() or (words >= len(centres)).any():
-                raise DataError("FabMapModel: expected sorted, distinct words of the vocabulary in each image")
+            if (
+                words.ndim != 1
+                or (np.diff(words) <= 0).any()
+                or (words < 0).any()
+                or (words >= len(centres)).any()
+            ):
+                raise DataError(
+                    "FabMapModel: expected sorted, distinct words of the vocabulary in each image"
+                )
         centres.setflags(write=False)
         object.__setattr__(self, "centres", centres)
         object.__setattr__(self, "_features", SiftFeatures(self.settings.n_features))

@@ -58,7 +58,7 @@ def load_fabmap(path: Path | str) -> tuple[FabMapModel, DepthPicture]:
     try:
         tree = ChowLiuTree(*(arrays[n] for n in ("parent", "p", "p_given_parent", "p_given_none")))
         training = tuple(np.split(arrays["training"], arrays["training_ends"][:-1]))
-        centres = arrays["centres"].astype(np.float32) / 255
+        centres = np.asarray(arrays["centres"] / 255, dtype=np.float32)
         return FabMapModel(FabMapSettings(**header["settings"]), centres, tree, training), DepthPicture(
             **header["picture"]
         )

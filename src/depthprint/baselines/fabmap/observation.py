@@ -28,9 +28,7 @@ def log_seen_at_new_place(tree: ChowLiuTree, settings: FabMapSettings) -> FloatA
     return np.log(_seen(tree, settings, tree.p))
 
 
-def word_states(
-    words: Words, tree: ChowLiuTree
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def word_states(words: Words, tree: ChowLiuTree) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """(k,) 0 or 1 for every word of an image, and for every word's parent; a root's parent counts as not seen."""
     seen = np.zeros(len(tree), dtype=np.intp)
     seen[words] = 1

@@ -30,13 +30,16 @@ class FabMapRecognizer:
 
     def __init__(self, model: FabMapModel, picture: DepthPicture | None = None) -> None:
         self._picture = DepthPicture() if picture is None else picture
-        self._reset(model)
+        self._model = model
+        self._map = FabMap(model)
+        self._latest: tuple[Words, Belief] | None = None
 
     def fit(self, images: Sequence[RangeImage]) -> FabMapRecognizer:
         """Learn vocabulary and tree from frames that are scored nowhere, and forget all places."""
         if not len(images):
             raise ModelError("FAB-MAP: expected frames to learn from, got none")
-        self._reset(train_fabmap([self._picture(image) for image in images], self._model.settings))
+        self._model = train_fabmap([self._picture(image) for image in images], self._model.settings)
+        self._map, self._latest = FabMap(self._model), None
         return self
 
     def describe(self, image: RangeImage) -> Words:
@@ -61,11 +64,6 @@ class FabMapRecognizer:
         alone = FabMap(self._model)
         alone.add(second)
         return float(_distances(alone.locate(first), 0)[0])
-
-    def _reset(self, model: FabMapModel) -> None:
-        self._model = model
-        self._map = FabMap(model)
-        self._latest: tuple[Words, Belief] | None = None
 
 
 def _distances(belief: Belief, neighbours: int) -> npt.NDArray[np.float64]:
