@@ -131,7 +131,7 @@ def test_words_that_share_too_little_hang_from_the_root():
 
 def test_a_tree_refuses_impossible_probabilities_and_parents():
     half = np.array([0.5, 0.5])
-    with pytest.raises(DataError, match="word 1 has the impossible p 1.0"):
+    with pytest.raises(DataError, match=r"word 1 has the impossible p 1\.0"):
         ChowLiuTree(np.array([0, 0]), np.array([0.5, 1.0]), half, half)
     with pytest.raises(DataError, match="word 0 has the impossible parent 2"):
         ChowLiuTree(np.array([2, 0]), half, half, half)

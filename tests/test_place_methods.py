@@ -32,8 +32,8 @@ def models():
 
 
 @pytest.fixture(params=[(m, "street") for m in QUICK] + [(m, "handheld") for m in ("emd", "cosine", "emd-relaxed")]
-                + [(m, p) for p in ("laser", "lidar") for m in ("emd", "cosine", "scan-context-like", "pixel-l2", "scan-context",
-                                                                "m2dp", "seqslam", "fabmap2")],
+                + [(m, p) for p in ("laser", "lidar") for m in ("emd", "cosine", "scan-context-like", "pixel-l2")]
+                + [(m, p) for p in ("laser", "lidar") for m in ("scan-context", "m2dp", "seqslam", "fabmap2")],
                 ids="-".join)  # fmt: skip
 def case(request, models):
     name, preset = request.param
