@@ -44,11 +44,14 @@ def m2dp_descriptors(
     along = centred @ axes[:, ::-1][:, :2]
     up = centred @ np.cross(axes[:, 2], axes[:, 1])
     x_axes, y_axes = _planes(azimuths, elevations)
-    reach = max(float(np.linalg.norm(centred, axis=1).max()), 1e-9)
+    reach = np.float32(max(float(np.linalg.norm(centred, axis=1).max()), 1e-9))
     readings = []
     for first, second in _SIGNS:
         turned = np.stack([first * along[:, 0], second * along[:, 1], first * second * up], axis=1)
-        counts = _counts(turned @ x_axes.T, turned @ y_axes.T, reach, circles, sectors)
+        # half the width is twice as fast, and cell edges are arbitrary
+        counts = _counts(
+            (turned @ x_axes.T).astype(np.float32), (turned @ y_axes.T).astype(np.float32), reach, circles, sectors
+        )
         left, _, right = np.linalg.svd(counts, full_matrices=False)
         # counts are not negative, so neither are the first singular vectors, but for a common sign
         readings.append(np.concatenate([np.abs(left[:, 0]), np.abs(right[0])]))
@@ -125,13 +128,12 @@ def _planes(azimuths: int, elevations: int) -> tuple[FloatArray, FloatArray]:
     return x_axes, np.cross(normals, x_axes)
 
 
-def _counts(x: FloatArray, y: FloatArray, reach: float, circles: int, sectors: int) -> FloatArray:
+def _counts(x: Float32Array, y: Float32Array, reach: np.float32, circles: int, sectors: int) -> FloatArray:
     """Share of the points (n, planes) in each polar cell: (planes, circles * sectors)."""
     n, planes = x.shape
     # circles at r, 4 r, 9 r ... out to the farthest point
-    circle = np.minimum((np.sqrt(np.hypot(x, y) / reach) * circles).astype(np.int64), circles - 1)
-    turn = (np.arctan2(y, x) / (2 * math.pi)) % 1.0
-    sector = np.minimum((turn * sectors).astype(np.int64), sectors - 1)
-    cell = np.arange(planes) * (circles * sectors) + circle * sectors + sector
+    circle = np.minimum((np.sqrt(np.hypot(x, y) / reach) * circles).astype(np.int32), circles - 1)
+    sector = np.floor(np.arctan2(y, x) * (sectors / (2 * math.pi))).astype(np.int32) % sectors
+    cell = np.arange(planes, dtype=np.int32) * (circles * sectors) + circle * sectors + sector
     counts = np.bincount(cell.ravel(), minlength=planes * circles * sectors)
     return counts.reshape(planes, circles * sectors) / n

@@ -16,14 +16,18 @@ _CONTRAST = 0.02
 
 
 class SiftFeatures:
-    """The ``n_features`` strongest SIFT features of a grey image (Lowe, IJCV 2004; OpenCV's implementation)."""
+    """The ``n_features`` strongest SIFT features of a grey image (Lowe, IJCV 2004; OpenCV's implementation).
 
-    def __init__(self, n_features: int, contrast: float = _CONTRAST) -> None:
+    upright: features keep the image's own orientation, which tells more where the camera does not roll.
+    """
+
+    def __init__(self, n_features: int, *, upright: bool = True, contrast: float = _CONTRAST) -> None:
         if n_features < 1 or not contrast > 0:
             raise SettingsError(
                 f"SiftFeatures: expected n_features >= 1 and contrast > 0, got {n_features} and {contrast}"
             )
         self._n_features = n_features
+        self._upright = upright
         self._contrast = contrast
         self._detector: Any = None
 
@@ -38,12 +42,23 @@ class SiftFeatures:
 
             create: Any = cv2.SIFT_create  # type: ignore[attr-defined]
             self._detector = create(nfeatures=self._n_features, contrastThreshold=self._contrast)
-        keypoints, descriptors = self._detector.detectAndCompute(picture, None)
-        if descriptors is None:
-            return np.zeros((0, 128), dtype=np.float32)
+        keypoints = list(self._detector.detect(picture, None))
+        if self._upright:
+            keypoints = _upright(keypoints)
         # the detector keeps ties beyond its number
         strongest = np.argsort([-k.response for k in keypoints], kind="stable")[: self._n_features]
-        return root_sift(np.asarray(descriptors)[np.sort(strongest)])
+        _, descriptors = self._detector.compute(picture, [keypoints[i] for i in np.sort(strongest)])
+        if descriptors is None:
+            return np.zeros((0, 128), dtype=np.float32)
+        return root_sift(np.asarray(descriptors))
+
+
+def _upright(keypoints: list[Any]) -> list[Any]:
+    """One keypoint for each place and size, whatever the orientations found there, turned upright."""
+    found = {(k.pt, k.size): k for k in keypoints}
+    for keypoint in found.values():
+        keypoint.angle = 0.0
+    return list(found.values())
 
 
 def root_sift(descriptors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

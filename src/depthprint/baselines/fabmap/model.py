@@ -14,7 +14,7 @@ from depthprint.baselines.fabmap.features import SiftFeatures
 from depthprint.baselines.fabmap.settings import FabMapSettings
 from depthprint.errors import DataError
 
-__all__ = ["FabMapModel", "train_fabmap"]
+__all__ = ["FabMapModel", "train_fabmap", "words_of"]
 
 Words = npt.NDArray[np.int32]
 Picture = npt.NDArray[np.uint8]
@@ -54,7 +54,7 @@ class FabMapModel:
                 )
         centres.setflags(write=False)
         object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "_features", SiftFeatures(self.settings.n_features))
+        object.__setattr__(self, "_features", SiftFeatures(self.settings.n_features, upright=self.settings.upright))
 
     def words(self, picture: Picture) -> Words:
         """Words seen in a grey (height, width) uint8 image: sorted, distinct, int32; each feature's nearest centre."""
@@ -76,7 +76,7 @@ def train_fabmap(
     ``progress`` counts the descriptors clustered. Raises DataError where no image shows a feature.
     """
     chosen = FabMapSettings() if settings is None else settings
-    features = SiftFeatures(chosen.n_features)
+    features = SiftFeatures(chosen.n_features, upright=chosen.upright)
     described = [features(picture) for picture in pictures]
     if not any(len(d) for d in described):
         raise DataError(f"FAB-MAP: none of {len(described)} training images shows a single SIFT feature")

@@ -14,7 +14,7 @@ __all__ = ["FabMapSettings"]
 class FabMapSettings:
     """Constants of FAB-MAP 2.0; the defaults are those of the published programs but for SIFT's own scale.
 
-    n_features: strongest SIFT features kept an image.
+    n_features: strongest SIFT features kept an image. upright: they keep the image's own orientation.
     cluster_size: descriptors nearer than this share a word; on the scale of unit RootSIFT vectors.
     information_bound: pairs of words with less mutual information (nats) are no edges of the tree.
     p_seen_if_there, p_seen_if_not: the detector, P(z=1|e=1) and P(z=1|e=0).
@@ -31,6 +31,7 @@ class FabMapSettings:
     """
 
     n_features: int = 300
+    upright: bool = True
     cluster_size: float = 0.75
     information_bound: float = 0.0005
     p_seen_if_there: float = 0.39
