@@ -18,6 +18,7 @@ from depthprint.baselines.fabmap.posterior import log_posterior, motion_prior, s
 from depthprint.baselines.fabmap.recognizer import FabMapRecognizer
 from depthprint.baselines.fabmap.settings import FabMapSettings
 from depthprint.errors import DataError, ModelError, SettingsError
+from depthprint.place_methods import make_place_recognizer
 from synthetic import boxes, scan
 
 NO_WRONG = FabMapSettings(new_place="mean-field")
@@ -238,6 +239,16 @@ def test_fitting_replaces_the_vocabulary_and_forgets_the_places():
     assert recognizer.query(recognizer.describe(boxes(0))) == []
     with pytest.raises(ModelError, match="got none"):
         recognizer.fit([])
+
+
+def test_the_registry_takes_the_shipped_vocabulary_or_learns_one():
+    shipped = make_place_recognizer("fabmap2", "street")
+    learned_here = make_place_recognizer("fabmap2", "street", learn_from=[boxes(i) for i in range(8)])
+    words = [method.describe(boxes(3)) for method in (shipped, learned_here)]
+    assert all(len(w) for w in words)
+    assert words[0].tolist() != words[1].tolist()
+    with pytest.raises(ModelError, match="no FAB-MAP model ships for preset 'object'"):
+        make_place_recognizer("fabmap2", "object")
 
 
 def test_pictures_are_brighter_where_nearer_and_planar_scans_are_drawn_from_above():

@@ -162,6 +162,15 @@ def test_sift_features_are_unit_vectors_and_a_flat_picture_has_none():
         features(picture.astype(np.float32))
 
 
+def test_upright_features_are_one_for_each_place_and_size():
+    picture = (np.random.default_rng(4).random((90, 90)) * 255).astype(np.uint8)
+    upright, turned = (SiftFeatures(1000, upright=u) for u in (True, False))
+    assert 0 < len(upright(picture)) < len(turned(picture))
+    quarter = np.ascontiguousarray(np.rot90(picture))
+    nearest = [(f(picture) @ f(quarter).T).max(axis=1).mean() for f in (upright, turned)]
+    assert nearest[0] < nearest[1]
+
+
 def test_root_sift_is_the_hellinger_map():
     rows = np.array([[4.0, 0, 12], [0, 0, 0]])
     assert np.allclose(root_sift(rows), [[0.5, 0, np.sqrt(0.75)], [0, 0, 0]])

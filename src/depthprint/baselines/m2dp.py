@@ -50,7 +50,11 @@ def m2dp_descriptors(
         turned = np.stack([first * along[:, 0], second * along[:, 1], first * second * up], axis=1)
         # half the width is twice as fast, and cell edges are arbitrary
         counts = _counts(
-            (turned @ x_axes.T).astype(np.float32), (turned @ y_axes.T).astype(np.float32), reach, circles, sectors
+            (turned @ x_axes.T).astype(np.float32),
+            (turned @ y_axes.T).astype(np.float32),
+            reach,
+            circles,
+            sectors,
         )
         left, _, right = np.linalg.svd(counts, full_matrices=False)
         # counts are not negative, so neither are the first singular vectors, but for a common sign

@@ -20,8 +20,8 @@ class DepthPicture:
     """How depth becomes grey: its logarithm between ``near_m`` and ``far_m``, clipped, nearer is brighter.
 
     width: pixels; the height keeps the image's aspect, down to ``least_height`` rows. Holes take their nearest
-    neighbour's depth. A planar scan has no picture of its own: its points are drawn from above, ``far_m`` to each
-    side, in width x width pixels. smoothing: Gaussian blur in pixels.
+    neighbour's depth. A planar scan has no picture of its own: its returns, and the free space before them, are
+    drawn from above, ``far_m`` to each side, in width x width pixels. smoothing: Gaussian blur in pixels.
 
     Raises SettingsError for values that cannot be.
     """
@@ -62,12 +62,18 @@ class DepthPicture:
         return np.asarray(np.round(255 * bright / max(float(bright.max()), 1e-9)), dtype=np.uint8)
 
     def _from_above(self, image: RangeImage) -> npt.NDArray[np.float64]:
+        """Returns white, the free space between them and the scanner grey."""
+        import cv2
+
         points = image.points_flu().reshape(-1, 3)
         points = points[np.isfinite(points[:, 0])].astype(np.float64)
         pixel_m = 2 * self.far_m / self.width
-        row = np.floor((self.far_m - points[:, 0]) / pixel_m).astype(np.int64)
-        column = np.floor((self.far_m - points[:, 1]) / pixel_m).astype(np.int64)
-        inside = (row >= 0) & (row < self.width) & (column >= 0) & (column < self.width)
-        plan = np.zeros((self.width, self.width))
-        plan[row[inside], column[inside]] = 1.0
+        # columns to the right, rows downward: x is forward and up, y to the left
+        outline = np.stack([self.far_m - points[:, 1], self.far_m - points[:, 0]], axis=1) / pixel_m
+        pixels = np.floor(np.clip(outline, -(10 * self.width), 10 * self.width)).astype(np.int32)
+        plan = np.zeros((self.width, self.width), dtype=np.float64)
+        middle = np.array([[self.width // 2, self.width // 2]], dtype=np.int32)
+        cv2.fillPoly(plan, [np.concatenate([middle, pixels])], 0.5)
+        inside = ((pixels >= 0) & (pixels < self.width)).all(axis=1)
+        plan[pixels[inside, 1], pixels[inside, 0]] = 1.0
         return plan

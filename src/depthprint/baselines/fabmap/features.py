@@ -11,17 +11,15 @@ from depthprint.errors import DataError, SettingsError
 
 __all__ = ["SiftFeatures", "root_sift"]
 
-# Lower than SIFT's default of 0.04: rendered depth is smoother than a photograph.
-_CONTRAST = 0.02
-
 
 class SiftFeatures:
     """The ``n_features`` strongest SIFT features of a grey image (Lowe, IJCV 2004; OpenCV's implementation).
 
+    contrast: least contrast of a feature, SIFT's own threshold (0.04 there; drawn depth is smoother than a photograph).
     upright: features keep the image's own orientation, which tells more where the camera does not roll.
     """
 
-    def __init__(self, n_features: int, *, upright: bool = True, contrast: float = _CONTRAST) -> None:
+    def __init__(self, n_features: int, *, upright: bool = True, contrast: float = 0.02) -> None:
         if n_features < 1 or not contrast > 0:
             raise SettingsError(
                 f"SiftFeatures: expected n_features >= 1 and contrast > 0, got {n_features} and {contrast}"

@@ -54,7 +54,7 @@ class FabMapModel:
                 )
         centres.setflags(write=False)
         object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "_features", SiftFeatures(self.settings.n_features, upright=self.settings.upright))
+        object.__setattr__(self, "_features", _features_of(self.settings))
 
     def words(self, picture: Picture) -> Words:
         """Words seen in a grey (height, width) uint8 image: sorted, distinct, int32; each feature's nearest centre."""
@@ -76,7 +76,7 @@ def train_fabmap(
     ``progress`` counts the descriptors clustered. Raises DataError where no image shows a feature.
     """
     chosen = FabMapSettings() if settings is None else settings
-    features = SiftFeatures(chosen.n_features, upright=chosen.upright)
+    features = _features_of(chosen)
     described = [features(picture) for picture in pictures]
     if not any(len(d) for d in described):
         raise DataError(f"FAB-MAP: none of {len(described)} training images shows a single SIFT feature")
@@ -84,3 +84,7 @@ def train_fabmap(
     training = tuple(words_of(d, centres) for d in described)
     tree = learn_chow_liu_tree(training, len(centres), chosen.information_bound)
     return FabMapModel(chosen, centres, tree, training)
+
+
+def _features_of(settings: FabMapSettings) -> SiftFeatures:
+    return SiftFeatures(settings.n_features, upright=settings.upright, contrast=settings.contrast)

@@ -14,7 +14,8 @@ __all__ = ["FabMapSettings"]
 class FabMapSettings:
     """Constants of FAB-MAP 2.0; the defaults are those of the published programs but for SIFT's own scale.
 
-    n_features: strongest SIFT features kept an image. upright: they keep the image's own orientation.
+    n_features: strongest SIFT features kept an image. upright: they keep the image's own orientation. contrast: the
+        least that counts as a feature.
     cluster_size: descriptors nearer than this share a word; on the scale of unit RootSIFT vectors.
     information_bound: pairs of words with less mutual information (nats) are no edges of the tree.
     p_seen_if_there, p_seen_if_not: the detector, P(z=1|e=1) and P(z=1|e=0).
@@ -32,6 +33,7 @@ class FabMapSettings:
 
     n_features: int = 300
     upright: bool = True
+    contrast: float = 0.02
     cluster_size: float = 0.75
     information_bound: float = 0.0005
     p_seen_if_there: float = 0.39
@@ -50,6 +52,8 @@ class FabMapSettings:
             least = 1 if name == "n_features" else 0
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise SettingsError(f"FabMapSettings: expected a whole {name} >= {least}, got {value!r}")
+        if not self.contrast > 0:
+            raise SettingsError(f"FabMapSettings: expected contrast > 0, got {self.contrast}")
         if not self.cluster_size > 0 or not self.information_bound >= 0:
             raise SettingsError(
                 "FabMapSettings: expected cluster_size > 0 and information_bound >= 0, "
