@@ -26,17 +26,17 @@ def _settings(contrast: float) -> FabMapSettings:
 # preset: training frames, how depth is drawn, and the settings, chosen on simulated drives scored nowhere
 TRAINING: dict[str, tuple[Callable[[], list[RangeImage]], DepthPicture, FabMapSettings]] = {
     "street": (
-        lambda: street_frames("stereo", 150),
+        lambda: street_frames("stereo", 150)[::3],
         DepthPicture(2.0, 50.0, width=480, smoothing=0.5),
         _settings(0.01),
     ),
     "lidar": (
-        lambda: street_frames("lidar", 120),
+        lambda: street_frames("lidar", 120)[::3],
         DepthPicture(2.0, 80.0, width=720, smoothing=0.5),
         _settings(0.01),
     ),
-    "laser": (lambda: street_frames("laser", 300), DepthPicture(1.0, 40.0, smoothing=1.0), _settings(0.01)),
-    "handheld": (lambda: room_frames(150), DepthPicture(0.5, 6.0, smoothing=0.5), _settings(0.005)),
+    "laser": (lambda: street_frames("laser", 300)[::6], DepthPicture(1.0, 40.0, smoothing=1.0), _settings(0.01)),
+    "handheld": (lambda: room_frames(150)[::3], DepthPicture(0.5, 6.0, smoothing=0.5), _settings(0.005)),
 }
 
 
