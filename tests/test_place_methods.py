@@ -13,7 +13,10 @@ from synthetic import boxes
 from test_encoder import DEFAULT, IMAGES, small
 
 # The detector searches its own proposals only, and checks them: test_cascade.py has its contract.
-QUICK = [name for name in PLACE_METHODS if name not in ("ncd-zstd", "detector")]
+# map-closures proposes only places that its package can align; tests/test_map_closures.py has its own contract
+QUICK = [name for name in PLACE_METHODS if name not in ("ncd-zstd", "detector", "map-closures")]
+# These score a place by more than the pair: by the rest of the map, or by the frames before.
+BY_CONTEXT = ("fabmap2", "seqslam")
 PRESETS_OF_PLACES = ("street", "handheld", "laser", "lidar")
 
 
@@ -30,10 +33,13 @@ def models():
 
 
 @pytest.fixture(params=[(m, "street") for m in QUICK] + [(m, "handheld") for m in ("emd", "cosine", "emd-relaxed")]
-                + [(m, p) for p in ("laser", "lidar") for m in ("emd", "cosine", "scan-context-like", "pixel-l2")],
+                + [(m, p) for p in ("laser", "lidar") for m in ("emd", "cosine", "scan-context-like", "pixel-l2")]
+                + [(m, p) for p in ("laser", "lidar") for m in ("scan-context", "m2dp", "seqslam", "fabmap2")],
                 ids="-".join)  # fmt: skip
 def case(request, models):
     name, preset = request.param
+    if name in BY_CONTEXT and "pairwise" in request.node.keywords:
+        pytest.skip("scores a place by more than the pair")
     return make_place_recognizer(name, preset, models[preset]), IMAGES.get(preset, DEFAULT)
 
 
@@ -42,6 +48,7 @@ def test_an_empty_recogniser_proposes_nothing(case):
     assert recognizer.query(recognizer.describe(images[0])) == []
 
 
+@pytest.mark.pairwise
 def test_places_are_numbered_in_order_and_each_is_nearest_to_itself(case):
     recognizer, images = case
     descriptions = [recognizer.describe(image) for image in images]
@@ -56,6 +63,7 @@ def test_places_are_numbered_in_order_and_each_is_nearest_to_itself(case):
         )
 
 
+@pytest.mark.pairwise
 def test_a_query_returns_the_k_smallest_distances_in_order(case):
     recognizer, images = case
     descriptions = [recognizer.describe(image) for image in images]
@@ -65,6 +73,16 @@ def test_a_query_returns_the_k_smallest_distances_in_order(case):
     every = sorted(recognizer.distance(descriptions[0], d) for d in descriptions[1:])
     assert np.allclose([m.distance for m in found], every[:4], atol=1e-4)
     assert len({m.place for m in found}) == 4
+
+
+def test_k_different_places_come_back_nearest_first(case):
+    recognizer, images = case
+    descriptions = [recognizer.describe(image) for image in images]
+    assert [recognizer.add(d) for d in descriptions] == list(range(len(images)))
+    found = recognizer.query(descriptions[3], k=5)
+    assert len({m.place for m in found}) == 5
+    assert [m.distance for m in found] == sorted(m.distance for m in found)
+    assert recognizer.query(descriptions[3], k=5) == found
 
 
 def test_only_places_below_the_limit_are_looked_at(case):

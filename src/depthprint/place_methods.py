@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from depthprint.encoder import Encoder
 from depthprint.encoder_file import shipped_model_path
 from depthprint.errors import ModelError, SettingsError
 from depthprint.presets import preset_settings
+from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.settings import PolarSettings
 
@@ -30,14 +31,30 @@ WITH_GEOMETRY = "+geometry"
 _HANDHELD_POLAR = PolarSettings(sectors=24, rings=20, ring_m=0.25, ground_clearance_m=0.2, max_height_m=3.0)
 _HANDHELD_CHANNELS = ("height", "low-count", "high-count")
 
+# Chosen for each kind of sensor on simulated drives that are scored nowhere.
+_SCAN_CONTEXT: dict[str, dict[str, Any]] = {
+    "street": {"sectors": 24, "reach_m": 40.0, "full_circle": False, "max_shift": 3},
+    "lidar": {},
+    "laser": {"sectors": 24, "reach_m": 40.0, "value": "count", "full_circle": False, "max_shift": 3},
+    "handheld": {"sectors": 24, "reach_m": 5.0, "full_circle": False, "max_shift": 3},
+}
+_M2DP: dict[str, dict[str, Any]] = {}
+_SEQSLAM: dict[str, dict[str, Any]] = {}
+_MAP_CLOSURES: dict[str, dict[str, Any]] = {"handheld": {"resolution_m": 0.05}}
+
 
 @dataclass(frozen=True)
 class PlaceMethodContext:
-    """What a method may be built from: the preset of the data where given, a trained model and a shared view."""
+    """What a method may be built from: the preset of the data and, where given, a trained model, and more.
+
+    views: depth views shared by methods that see the same frames. learn_from: frames of another recording, for methods
+    whose vocabulary is not part of ``model``.
+    """
 
     preset: str
     model: Encoder | None = None
     views: ViewCache | None = None
+    learn_from: Sequence[RangeImage] | None = None
 
     def encoder(self) -> Encoder:
         """The given model, or the one that ships for the preset."""
@@ -106,6 +123,38 @@ def _scan_context_like_channels(context: PlaceMethodContext) -> PlaceRecognizer:
     return ScanContextLikeRecognizer(*context.polar())
 
 
+def _scan_context(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.scan_context import ScanContextRecognizer
+
+    return ScanContextRecognizer(**_SCAN_CONTEXT.get(context.preset, _SCAN_CONTEXT["street"]))
+
+
+def _m2dp(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.m2dp import M2dpRecognizer
+
+    return M2dpRecognizer(**_M2DP.get(context.preset, {}))
+
+
+def _seqslam(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.seqslam import SeqSlamRecognizer
+
+    return SeqSlamRecognizer(**_SEQSLAM.get(context.preset, {}))
+
+
+def _fabmap2(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.fabmap.model_file import load_fabmap, shipped_fabmap_path
+    from depthprint.baselines.fabmap.recognizer import FabMapRecognizer
+
+    shipped = FabMapRecognizer(*load_fabmap(shipped_fabmap_path(context.preset)))
+    return shipped if context.learn_from is None else shipped.fit(context.learn_from)
+
+
+def _map_closures(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.baselines.map_closures import MapClosuresRecognizer
+
+    return MapClosuresRecognizer(**_MAP_CLOSURES.get(context.preset, {}))
+
+
 def _compression(compressor: str) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
     def make(context: PlaceMethodContext) -> PlaceRecognizer:
         from depthprint.baselines.compression import CompressionRecognizer
@@ -131,6 +180,11 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "pixel-l2-centred": _pixel_l2_centred,
     "scan-context-like": _scan_context_like,
     "scan-context-like-channels": _scan_context_like_channels,
+    "scan-context": _scan_context,
+    "m2dp": _m2dp,
+    "seqslam": _seqslam,
+    "fabmap2": _fabmap2,
+    "map-closures": _map_closures,
     "ncd-gzip": _compression("gzip"),
     "ncd-bz2": _compression("bz2"),
     "ncd-ppm": _compression("ppm"),
@@ -140,12 +194,17 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
 
 
 def make_place_recognizer(
-    name: str, preset: str, model: Encoder | None = None, views: ViewCache | None = None
+    name: str,
+    preset: str,
+    model: Encoder | None = None,
+    views: ViewCache | None = None,
+    learn_from: Sequence[RangeImage] | None = None,
 ) -> PlaceRecognizer:
     """Build a method by its registry name, for data that suits ``preset``.
 
     NAME+geometry is a method whose best few proposals are checked by geometry. ``model`` replaces the shipped encoder
-    of the methods that use the preset's. ``views`` lets methods that see the same frames share what the check needs.
+    of the methods that use the preset's, and what ``fabmap2`` learns from the frames ``learn_from``, which must not be
+    scored, its shipped vocabulary. ``views`` lets methods that see the same frames share what the check needs.
     Raises SettingsError on an unknown name, ModelError when the model is not fitted.
     """
     plain = name.removesuffix(WITH_GEOMETRY)
@@ -155,7 +214,7 @@ def make_place_recognizer(
         )
     if model is not None and not model.fitted:
         raise ModelError(f"model {model.settings.name!r}: not fitted")
-    context = PlaceMethodContext(preset, model, views)
+    context = PlaceMethodContext(preset, model, views, learn_from)
     recognizer = PLACE_METHODS[plain](context)
     if plain == name:
         return recognizer

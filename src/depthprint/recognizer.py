@@ -49,7 +49,7 @@ class PlaceRecognizer(Protocol):
         """Nearest stored places."""
 
     def distance(self, first: Any, second: Any) -> float:
-        """Distance of two descriptions: what ``query`` minimises."""
+        """Distance of two descriptions: what ``query`` minimises, unless it weighs the whole map or earlier frames."""
 
 
 @runtime_checkable

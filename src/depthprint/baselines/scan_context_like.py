@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.baselines.column_matching import column_distances, occupied_columns, unit_columns
 from depthprint.baselines.vector_store import VectorStore, nearest_matches
 from depthprint.errors import DataError
 from depthprint.polar_view import polar_view
@@ -49,13 +50,11 @@ class ScanContextLikeRecognizer:
         image.require_returns()
         grid = polar_view(image, self._polar, self._channels)
         grid = grid / np.maximum(np.linalg.norm(grid, axis=(1, 2), keepdims=True), 1e-9)
-        columns = grid.reshape(-1, grid.shape[2]).T
-        norms = np.linalg.norm(columns, axis=1, keepdims=True)
-        return np.where(norms > 1e-6, columns / np.maximum(norms, 1e-6), 0.0).astype(np.float32)
+        return unit_columns(grid.reshape(-1, grid.shape[2]).T)
 
     def add(self, description: npt.NDArray[np.float32]) -> int:
         """Store a place."""
-        self._occupied.add(_occupied(description))
+        self._occupied.add(occupied_columns(description))
         return self._columns.add(description)
 
     def query(
@@ -65,7 +64,7 @@ class ScanContextLikeRecognizer:
         rows, occupied = self._columns.rows(limit), self._occupied.rows(limit)
         if not len(rows):
             return []
-        distances = self._distances(description, rows, occupied)
+        distances = column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
         best = distances.argmin(0)
         return nearest_matches(distances.min(0), k, self._shifts[best].astype(np.float64))
 
@@ -76,30 +75,6 @@ class ScanContextLikeRecognizer:
                 f"scan-context-like: expected maps of one shape, got {first.shape} and {second.shape}"
             )
         rows = second.reshape(1, -1)
-        return float(self._distances(first, rows, _occupied(second)[None]).min())
-
-    def _distances(
-        self,
-        query: npt.NDArray[np.float32],
-        rows: npt.NDArray[np.float32],
-        occupied: npt.NDArray[np.float32],
-    ) -> npt.NDArray[np.float32]:
-        """(shifts, n): one minus the mean cosine over the columns that hold something in both."""
-        shifted = np.stack([self._shift(query, int(s)) for s in self._shifts])
-        cosines = shifted.reshape(len(shifted), -1) @ rows.T
-        common = _occupied(shifted) @ occupied.T
-        return np.asarray(1.0 - cosines / np.maximum(common, 1.0))
-
-    def _shift(self, columns: npt.NDArray[np.float32], shift: int) -> npt.NDArray[np.float32]:
-        moved = np.roll(columns, shift, axis=0)
-        if not self._polar.full_circle:
-            if shift > 0:
-                moved[:shift] = 0.0
-            elif shift < 0:
-                moved[shift:] = 0.0
-        return moved
-
-
-def _occupied(columns: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """1 for a column that holds something, else 0."""
-    return np.asarray(columns.any(-1), dtype=np.float32)
+        occupied = occupied_columns(second)[None]
+        wraps = self._polar.full_circle
+        return float(column_distances(first, rows, occupied, self._shifts, wraps=wraps).min())

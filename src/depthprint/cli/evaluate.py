@@ -35,15 +35,27 @@ def loops(
     cars_redrawn: o.CarsRedrawn = 0.2,
     sensor: o.Sensor = None,
     every: o.Every = 1,
+    imports: o.Imports = None,
+    vocabulary_from: o.VocabularyFrom = None,
 ) -> None:
     """Score methods on the loops of a sequence with poses."""
     from depthprint.runs import DataSource, run_evaluate_loops
 
-    names = o.parse_methods(methods)
+    files = o.parse_imports(imports)
+    names = o.parse_methods(methods, may_be_none=bool(files))
     source = DataSource(data, dataset, sequence, every, seed, poses, cars_redrawn, sensor)
     with progress_bars() as stages:
         run = run_evaluate_loops(
-            source, out, methods=names, preset=preset, model=model, gap=gap, seed=seed, stages=stages
+            source,
+            out,
+            methods=names,
+            preset=preset,
+            model=model,
+            gap=gap,
+            imports=files,
+            vocabulary_from=vocabulary_from,
+            seed=seed,
+            stages=stages,
         )
     print_run(run)
 

@@ -17,6 +17,7 @@ __all__ = [
     "Every",
     "Frames",
     "Gap",
+    "Imports",
     "Methods",
     "Model",
     "OutFile",
@@ -26,7 +27,9 @@ __all__ = [
     "Seed",
     "Sensor",
     "Sequence",
+    "VocabularyFrom",
     "parse_frames",
+    "parse_imports",
     "parse_methods",
 ]
 
@@ -83,6 +86,23 @@ Gap = Annotated[
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Folder to write.")]
 OutFile = Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="File to write.")]
 Methods = Annotated[str, typer.Option("--methods", metavar="A,B,C", help="Methods, separated by commas.")]
+Imports = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--import",
+        metavar="NAME=FILE.csv",
+        help="Another program's matches, columns query, match, score, scored beside the methods; may be repeated. "
+        "'--methods none' scores these alone.",
+    ),
+]
+VocabularyFrom = Annotated[
+    Path | None,
+    typer.Option(
+        "--vocabulary-from",
+        metavar="DATA",
+        help="Another recording, from which fabmap2 learns; its shipped vocabulary when absent.",
+    ),
+]
 Frames = Annotated[
     str | None, typer.Option("--frames", metavar="1,4,7", help="Only these views of each turn of an object.")
 ]
@@ -94,14 +114,32 @@ Against = Annotated[
 ]
 
 
-def parse_methods(text: str) -> list[str]:
-    """Split a comma list of method names; raise SettingsError on an empty or a repeated one."""
+def parse_methods(text: str, *, may_be_none: bool = False) -> list[str]:
+    """Split a comma list of method names; raise SettingsError on an empty or a repeated one.
+
+    'none' is the empty list where ``may_be_none``.
+    """
+    if may_be_none and text.strip() == "none":
+        return []
     names = [name.strip() for name in text.split(",")]
     if not all(names):
         raise SettingsError(f"--methods: expected names separated by commas, got {text!r}")
     if len(set(names)) < len(names):
         raise SettingsError(f"--methods: a name is given twice in {text!r}")
     return names
+
+
+def parse_imports(given: list[str] | None) -> dict[str, Path]:
+    """Split NAME=FILE pairs; raise SettingsError on one without a name or file, and on a repeated name."""
+    files: dict[str, Path] = {}
+    for text in given or ():
+        name, _, file = text.partition("=")
+        if not name or not file or "/" in name:
+            raise SettingsError(f"--import: expected NAME=FILE.csv, got {text!r}")
+        if name in files:
+            raise SettingsError(f"--import: the name {name!r} is given twice")
+        files[name] = Path(file)
+    return files
 
 
 def parse_frames(text: str | None) -> list[int] | None:

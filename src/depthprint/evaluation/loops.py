@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from depthprint.evaluation.metrics import (
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer
 
-__all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "LoopRecord", "MethodLoops", "evaluate_loops"]
+__all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "LoopRecord", "MethodLoops", "evaluate_loops", "score_records"]
 
 LOOP_PROTOCOL = "loops, query-wise and causal"
 
@@ -171,22 +171,44 @@ class _Run:
         return LoopRecord(frame, best.place, float(best.distance), best.shift, outcome, has_positive)
 
     def result(self, seed: int, resamples: int) -> MethodLoops:
-        queries = QueryOutcomes(
-            np.array([-r.distance for r in self.records], dtype=np.float64),
-            np.array([r.outcome for r in self.records], dtype=np.int8),
-            np.array([r.has_positive for r in self.records], dtype=bool),
-        )
         with_candidates = self.describe_s[len(self.describe_s) - len(self.query_s) :]
-        return MethodLoops(
-            name=self.name,
-            records=tuple(self.records),
-            queries=queries,
-            metrics=loop_metrics(queries),
-            intervals=bootstrap_intervals(queries, seed, resamples=resamples),
+        return score_records(
+            self.name,
+            self.records,
+            seed,
+            resamples,
             describe_ms=_median_ms(self.describe_s),
             query_ms=_median_ms(self.query_s),
             ms_per_query=_median_ms(np.add(with_candidates, self.query_s)),
         )
+
+
+def score_records(
+    name: str,
+    records: Sequence[LoopRecord],
+    seed: int,
+    resamples: int = 1000,
+    *,
+    describe_ms: float = float("nan"),
+    query_ms: float = float("nan"),
+    ms_per_query: float = float("nan"),
+) -> MethodLoops:
+    """Figures and bootstrap intervals of one method's records, in time order, one for each frame with candidates."""
+    queries = QueryOutcomes(
+        np.array([-r.distance for r in records], dtype=np.float64),
+        np.array([r.outcome for r in records], dtype=np.int8),
+        np.array([r.has_positive for r in records], dtype=bool),
+    )
+    return MethodLoops(
+        name=name,
+        records=tuple(records),
+        queries=queries,
+        metrics=loop_metrics(queries),
+        intervals=bootstrap_intervals(queries, seed, resamples=resamples),
+        describe_ms=describe_ms,
+        query_ms=query_ms,
+        ms_per_query=ms_per_query,
+    )
 
 
 def _median_ms(seconds: list[float] | npt.NDArray[np.float64]) -> float:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from depthprint.errors import DataError
+from depthprint.errors import DataError, SettingsError
+from depthprint.range_image import RangeImage
 from depthprint.runs.loops import truth_with_gap
 from depthprint.runs.models import choose_model
-from depthprint.runs.source import DataSource
+from depthprint.runs.source import DataSource, spread
 from depthprint.runs.stages import RunSummary, Stages, silent
 
 __all__ = ["run_evaluate_loops", "run_evaluate_objects"]
+
+_MOST_TRAINING_FRAMES = 200
 
 
 def run_evaluate_loops(
@@ -23,14 +27,19 @@ def run_evaluate_loops(
     preset: str | None = None,
     model: Path | None = None,
     gap: int | None = None,
+    imports: Mapping[str, Path] | None = None,
+    vocabulary_from: Path | None = None,
     seed: int = 0,
     stages: Stages = silent,
 ) -> RunSummary:
     """Score methods on the loops of a recording with poses; one CSV of matches per method.
 
+    imports: files of matches (query, match, score) that other programs made, by the name to show them under.
+    vocabulary_from: another recording, for the methods that learn a vocabulary; the shipped one when None.
     Raises DataError when there are no poses, SettingsError for an unknown method, and as its parts do.
     """
     from depthprint.evaluation.ground_truth import loop_ground_truth
+    from depthprint.evaluation.imported import read_match_file, score_matches
     from depthprint.evaluation.loops import evaluate_loops
     from depthprint.evaluation.report import loop_records, loop_report, metric_rows, results_table
     from depthprint.place_methods import make_place_recognizer
@@ -45,19 +54,30 @@ def run_evaluate_loops(
         )
     name, encoder = choose_model(model, preset, sequence.preset)
     views = ViewCache()
-    recognizers = {method: make_place_recognizer(method, name, encoder, views) for method in methods}
+    files = dict(imports or {})
+    _check_names(methods, files)
+    learn_from = None if vocabulary_from is None else _training_frames(vocabulary_from)
+    recognizers = {
+        method: make_place_recognizer(method, name, encoder, views, learn_from) for method in methods
+    }
     settings = {
         "data": source.settings(),
         "methods": list(methods),
+        "imports": {name: str(path) for name, path in files.items()},
         "preset": name,
         "model": None if model is None else str(model),
+        "vocabulary_from": None if vocabulary_from is None else str(vocabulary_from),
         "gap": sequence.truth.gap,
     }
     with RunFolder(out, settings, seed=seed) as run:
         truth = loop_ground_truth(sequence, sequence.truth, stages("ground truth"))
+        # other programs' files are read first: a mistake in them should not cost a run
+        matches = {name: read_match_file(path, truth) for name, path in files.items()}
         evaluation = evaluate_loops(
             sequence, recognizers, truth, seed=seed, progress=stages("describe and query")
         )
+        imported = tuple(score_matches(name, found, truth, seed) for name, found in matches.items())
+        evaluation = replace(evaluation, methods=evaluation.methods + imported)
         results = loop_report(evaluation, settings)
         run.write_json("results.json", results)
         run.write_csv("metrics.csv", *metric_rows(results))
@@ -131,6 +151,20 @@ def run_evaluate_objects(
         results=results,
         table=results_table(results),
     )
+
+
+def _check_names(methods: Sequence[str], imports: Mapping[str, Path]) -> None:
+    clash = [name for name in imports if name in methods]
+    if clash:
+        raise SettingsError(f"--import: {clash[0]!r} is also among the methods; expected another name")
+
+
+def _training_frames(path: Path) -> list[RangeImage]:
+    """Frames of another recording, evenly spread."""
+    from depthprint.datasets.registry import open_sequence
+
+    sequence = open_sequence(path)
+    return [sequence[index] for index in spread(len(sequence), _MOST_TRAINING_FRAMES)]
 
 
 def _best(results: dict[str, Any], metric: str, words: str, data: str) -> str:
