@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthprint.baselines.cosine import CosineRecognizer
 from depthprint.cascade_settings import CascadeSettings
 from depthprint.complexity_recognizer import ComplexityRecognizer
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
+from depthprint.encoding_arrays import pack_encoding, unpack_encoding
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
@@ -82,3 +85,16 @@ class FusedRecognizer:
             return cosine
         weight = self.settings.vector_weight
         return (1 - weight) * ComplexityRecognizer(self.encoder).distance(first, second) + weight * cosine
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the encoder."""
+        return self.encoder.fingerprint
+
+    def pack(self, description: Encoding) -> dict[str, npt.NDArray[Any]]:
+        """Arrays of an encoding, for a place database."""
+        return pack_encoding(description)
+
+    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Encoding:
+        """The encoding that ``pack`` took apart."""
+        return unpack_encoding(arrays, self.encoder.fingerprint)

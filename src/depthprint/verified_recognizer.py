@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +13,10 @@ import numpy.typing as npt
 from depthprint.errors import SettingsError
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
-from depthprint.recognizer import PlaceMatch, PlaceRecognizer
+from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
 from depthprint.verification.verifier import GeometricVerifier, Verification
+from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
@@ -137,6 +138,24 @@ class VerifiedRecognizer:
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)
         return _distance(inner, found)
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the inner method; SettingsError where it has none, since its places cannot be stored."""
+        return self._storable().fingerprint
+
+    def pack(self, description: VerifiedDescription) -> dict[str, npt.NDArray[Any]]:
+        """Arrays of the inner method's description and of the view, for a place database."""
+        return self._storable().pack(description.inner) | pack_view(description.view)
+
+    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> VerifiedDescription:
+        """The description that ``pack`` took apart."""
+        return VerifiedDescription(self._storable().unpack(arrays), unpack_view(arrays))
+
+    def _storable(self) -> StorableRecognizer:
+        if not isinstance(self.inner, StorableRecognizer):
+            raise SettingsError(f"the places of a {type(self.inner).__name__} cannot be kept in a database")
+        return self.inner
 
     def _check(
         self,
