@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint._pairs import check_status, pair_rules
-from depthprint._signature_store import ITEMS_PER_BLOCK, SignatureStore, summary_vectors
+from depthprint._signature_store import (
+    ITEMS_PER_BLOCK,
+    SignatureStore,
+    float32_holds,
+    summary_slack,
+    summary_vectors,
+)
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
@@ -26,7 +32,6 @@ _FIRST_BATCH, _LARGEST_BATCH = 4, 32
 _SEEDS = 64
 _ITEMS_PER_ROUND = 256
 _ITEMS_PER_SCAN = 4096
-_FLOAT32_LIMIT = 1e12
 
 
 class NearestSearch:
@@ -102,8 +107,9 @@ class NearestSearch:
     def _threshold(self, k: int) -> float:
         if len(self._best) < k:
             return np.inf
-        values = np.array([distance for distance, _ in self._best.values()])
-        return float(np.partition(values, k - 1)[k - 1]) * _ROUNDING
+        distances = [distance for distance, _ in self._best.values()]
+        kth = min(distances) if k == 1 else float(np.partition(distances, k - 1)[k - 1])
+        return kth * _ROUNDING
 
     def _narrow(self, items: IntArray, bounds: FloatArray, k: int) -> None:
         """Items by rising bound, in rounds that grow: reduced bounds, then relaxed ones, then exact distances."""
@@ -201,7 +207,7 @@ class NearestSearch:
             mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
             norm = max(float(np.abs(side.points).max(initial=0.0)), store.largest_norm)
             norm += float(np.abs(self._shifts[s]).max(initial=0.0))
-            if not max(mass * ground.cap, mass, norm) < _FLOAT32_LIMIT:
+            if not float32_holds(mass, norm, ground):
                 return False
         return True
 
@@ -225,7 +231,7 @@ class NearestSearch:
             side, stream = self._sides[s], self._streams[s]
             add_block_bounds(
                 self._vectors[s], side.masses[0], side.complexity[0], store.low, store.high, store.mass_range,
-                store.largest_complexity, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+                store.largest_complexity, summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 
@@ -237,7 +243,7 @@ class NearestSearch:
             side, stream = self._sides[s], self._streams[s]
             add_item_bounds(
                 self._vectors[s], side.masses[0], side.complexity[0], store.vectors, store.masses,
-                store.complexity, items, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+                store.complexity, items, summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 

@@ -65,7 +65,8 @@ def _add_positions(
         for k in range(low.shape[1]):
             a, b, other = low[i, k], high[i, k], q[first + k]
             for j in range(width):
-                t = max(max(a - other[j], other[j] - b), np.float32(0.0))
+                x = other[j]
+                t = a - x if x < a else (x - b if x > b else np.float32(0.0))
                 row[j] += t * t
 
 
@@ -103,6 +104,23 @@ def _minima(
         minima[1, j] = min(max(np.sqrt(np.float64(columns[j])) * shrink - slack, 0.0), cap)
 
 
+@njit(cache=True, nogil=True)
+def _norms_of_rest(appearance: Float32Array) -> Float32Array:
+    """(looks, m) norms of the coordinates that a look has not added yet."""
+    m, dims = appearance.shape
+    rests = np.zeros((64, m), np.float32)
+    done = look = 0
+    while done < dims:
+        done = min(max(2 * done, _FIRST), dims)
+        for i in range(m):
+            total = np.float32(0.0)
+            for k in range(done, dims):
+                total += appearance[i, k] * appearance[i, k]
+            rests[look, i] = np.sqrt(total)
+        look += 1
+    return rests
+
+
 @njit(cache=True, parallel=True)
 def reduced_bounds(
     appearance: Float32Array,
@@ -131,12 +149,13 @@ def reduced_bounds(
     k_q = points.shape[2]
     extent = low.shape[1]
     size = (k_q + _WIDTH - 1) // _WIDTH * _WIDTH
+    rests = _norms_of_rest(appearance)
     shrink = 1.0 - 1.2e-7 * (points.shape[1] + 16)
     tasks = (len(items) + _ITEMS_PER_TASK - 1) // _ITEMS_PER_TASK
     for task in prange(tasks):
         square = np.empty((m, size), np.float32)
         q = np.empty((dims + extent, size), np.float32)
-        rest_p, rest_q = np.empty(m, np.float32), np.empty(size, np.float32)
+        rest_q = np.empty(size, np.float32)
         line, columns = np.empty(size, np.float32), np.empty(size, np.float32)
         minima = np.empty((2, max(m, k_q)))
         weights_q = np.empty(k_q)
@@ -163,16 +182,11 @@ def reduced_bounds(
                 for j in range(n, width):
                     square[i, j] = _FAR
             _add_positions(low, high, q, dims, m, width, square)
-            done = 0
+            done = look = 0
             bound = 0.0
             while done < dims or done == 0:
                 following = min(max(2 * done, _FIRST), dims)
                 _add_coordinates(appearance, q, done, following, m, width, square)
-                for i in range(m):
-                    total = np.float32(0.0)
-                    for k in range(following, dims):
-                        total += appearance[i, k] * appearance[i, k]
-                    rest_p[i] = np.sqrt(total)
                 for j in range(width):
                     rest_q[j] = np.float32(0.0)
                 for k in range(following, dims):
@@ -181,12 +195,14 @@ def reduced_bounds(
                         rest_q[j] += source_q[j] * source_q[j]
                 for j in range(width):
                     rest_q[j] = np.sqrt(rest_q[j])
-                _minima(square, rest_p, rest_q, m, n, width, line, columns, slack, shrink, rules.cap, minima)
+                _minima(
+                    square, rests[look], rest_q, m, n, width, line, columns, slack, shrink, rules.cap, minima
+                )
                 work = relaxed_work(
                     weights_p, mass_p, m, weights_q, masses[item], n, minima[0], minima[1], rules
                 )
                 bound = normalise(work, complexity_p, complexity_q, rules.form)
-                done = following
+                done, look = following, look + 1
                 if bound > above[x] or dims == 0:
                     break
             out[x] = bound
