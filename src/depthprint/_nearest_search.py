@@ -30,6 +30,7 @@ IntArray = npt.NDArray[np.int64]
 _ROUNDING = 1.0 + 1e-12
 _FIRST_BATCH, _LARGEST_BATCH = 4, 32
 _SEEDS = 64
+_FIRST_LOOK = 12
 _ITEMS_PER_ROUND = 256
 _ITEMS_PER_SCAN = 4096
 
@@ -85,7 +86,7 @@ class NearestSearch:
         least, shift = np.empty(self.count), np.empty(self.count, np.int64)
         for start in range(0, self.count, _ITEMS_PER_SCAN):
             items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
-            bounds = sum(self._relaxed_parts(items))
+            bounds: FloatArray = np.sum(self._relaxed_parts(items), axis=0)
             least[items], shift[items] = bounds.min(axis=1), bounds.argmin(axis=1)
         return least, shift
 
@@ -95,7 +96,7 @@ class NearestSearch:
         for start in range(0, self.count, _ITEMS_PER_SCAN):
             items = np.arange(start, min(start + _ITEMS_PER_SCAN, self.count))
             parts = self._relaxed_parts(items)
-            bounds = sum(parts)
+            bounds: FloatArray = np.sum(parts, axis=0)
             ranked = np.argsort(bounds, axis=1, kind="stable")
             for rank in range(ranked.shape[1]):
                 limits = best[items] * _ROUNDING
@@ -133,8 +134,7 @@ class NearestSearch:
 
     def _solve_in_bound_order(self, items: IntArray, k: int) -> None:
         parts = self._relaxed_parts(items)
-        total = sum(parts)
-        flat = np.asarray(total).ravel()
+        flat: FloatArray = np.sum(parts, axis=0).ravel()
         order = np.argsort(flat, kind="stable")
         start, size = 0, _FIRST_BATCH
         while start < len(order):
@@ -248,28 +248,29 @@ class NearestSearch:
         return out
 
     def _reduced_bounds(self, items: IntArray, threshold: float) -> FloatArray:
-        """Sum of the streams' reduced bounds; a later stream is looked at only where earlier ones let it."""
-        from depthprint._kernels.reduction import reduced_bounds
-
+        """Sum of the streams' reduced bounds; later looks are only at items that earlier ones let through."""
+        looks = {min(_FIRST_LOOK, max(s.dims for s in self._stores)), max(s.dims for s in self._stores)}
         total = np.zeros(len(items))
         alive = np.arange(len(items))
-        for s, store in enumerate(self._stores):
-            side, stream, rules = self._sides[s], self._streams[s], self._rules[s]
-            m = int(side.counts[0])
-            dims = store.dims - rules.position_dims
-            points = side.points[0, :m]
-            extent = 0 if rules.period > 0 else rules.position_dims
-            low = points[:, dims : dims + extent] + self._shifts[s][:, :extent].min(axis=0)
-            high = points[:, dims : dims + extent] + self._shifts[s][:, :extent].max(axis=0)
-            reach = float(np.abs(self._shifts[s]).max(initial=0.0)) + store.largest_norm
-            reach += float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
-            bounds = reduced_bounds(
-                points[:, :dims].astype(np.float32), low.astype(np.float32), high.astype(np.float32),
-                side.weights[0], side.masses[0], side.complexity[0],
-                store.weights, store.points, store.counts, store.masses, store.complexity,
-                items[alive], (threshold - total[alive]) / stream.weight,
-                1.2e-7 * (store.dims + 16) * reach, rules,
-            )  # fmt: skip
-            total[alive] += stream.weight * bounds
-            alive = alive[total[alive] <= threshold]
+        for coordinates in sorted(looks):
+            sums = np.zeros(len(items))
+            for s in range(len(self._stores)):
+                sums[alive] += self._streams[s].weight * self._reduced_part(s, items[alive], coordinates)
+                total[alive] = np.maximum(total[alive], sums[alive])
+                alive = alive[total[alive] <= threshold]
         return total
+
+    def _reduced_part(self, s: int, items: IntArray, coordinates: int) -> FloatArray:
+        """Bounds of one stream's distance to ``items`` from so many coordinates of the appearances."""
+        from depthprint._kernels.reduction import reduced_bounds
+
+        store, side, rules = self._stores[s], self._sides[s], self._rules[s]
+        points = side.points[0, : int(side.counts[0])]
+        reach = store.largest_norm + float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
+        dims = min(coordinates, store.dims - rules.position_dims)
+        bounds: FloatArray = reduced_bounds(
+            points[:, :dims].astype(np.float32), side.weights[0], side.masses[0], side.complexity[0],
+            store.weights, store.points, store.counts, store.masses, store.complexity,
+            items, 1.2e-7 * (store.dims + 16) * reach, rules,
+        )  # fmt: skip
+        return bounds

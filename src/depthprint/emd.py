@@ -167,6 +167,7 @@ def emd_pairs(
     right = side_arrays(second, masses, ground, right=True)
     if form is None and masses != "null":
         refuse_empty(left.masses, right.masses, masses)
+    distances: FloatArray
     distances, status = aligned_pairs(left, right, offset, pair_rules(masses, form, ground))
     check_status(status)
     return distances
@@ -203,9 +204,12 @@ def emd_pairs_from_costs(
         p, q = p / mass_p[:, None], q / mass_q[:, None]
     from depthprint._kernels.pairs import solve_many
 
+    works: FloatArray
     works, status = solve_many(p, q, c, null_cost if masses == "null" else 0.0, masses == "balanced")
     check_status(status)
-    return works / np.minimum(mass_p, mass_q) if masses == "rubner" else works
+    if masses == "rubner":
+        works /= np.minimum(mass_p, mass_q)
+    return works
 
 
 def difference_matrix(
