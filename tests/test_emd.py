@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from depthprint._matrix_tasks import row_tasks
 from depthprint.emd import difference_matrix, emd, emd_from_costs, emd_pairs, emd_pairs_from_costs
 from depthprint.errors import DataError, FingerprintError, SettingsError
 from depthprint.ncd import FORMS
@@ -325,3 +326,35 @@ def test_pairs_refuse_what_does_not_fit() -> None:
         emd_pairs_from_costs(batch.weights, batch.weights, np.ones((3, 2, 2)))
     with pytest.raises(DataError, match="empty"):
         emd_pairs_from_costs([[0.0]], [[1.0]], [[[1.0]]], masses="balanced")
+
+
+@pytest.mark.parametrize("masses", ["null", "rubner", "balanced"])
+def test_below_skips_what_a_cheap_bound_rules_out_and_nothing_else(masses: str) -> None:
+    rng = np.random.default_rng(13)
+    centres = rng.normal(size=(12, 1, 6))
+    points = 0.8 * centres + 0.1 * rng.normal(size=(12, 8, 6))
+    groups = [
+        Signature(rng.uniform(0.5, 1, 8), points[i % 12] + 0.02 * rng.normal(size=(8, 6))) for i in range(90)
+    ]
+    batch, other = SignatureBatch.stack(groups[:50]), SignatureBatch.stack(groups[50:])
+    ground, shifts = GroundDistance(cap=1.5, position_dims=1), np.array([[-0.1], [0.0], [0.1]])
+    for form in (None, "information"):
+        if masses == "null" and form is None:
+            continue
+        for second in (None, other):
+            arguments = {"masses": masses, "ground": ground, "form": form, "shifts": shifts}
+            full = difference_matrix(batch, second, **arguments)
+            cut = difference_matrix(batch, second, below=0.3, **arguments)
+            np.testing.assert_array_equal(cut, np.where(full <= 0.3, full, np.inf))
+            assert 0.02 < np.isfinite(cut).mean() < 0.5
+
+
+def test_matrix_tasks_cover_each_wanted_column_once() -> None:
+    rng = np.random.default_rng(14)
+    for size in (0, 1, 7, 60):
+        columns = np.sort(rng.choice(80, size, replace=False))
+        tasks = row_tasks(3, columns, 4)
+        covered = [j for _, first, last in tasks.tolist() for j in range(first, last)]
+        assert covered == columns.tolist()
+        assert (tasks[:, 0] == 3).all()
+        assert ((tasks[:, 2] - tasks[:, 1]) <= 4).all()

@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint._pairs import check_status, pair_rules
-from depthprint._signature_store import ITEMS_PER_BLOCK, SignatureStore, summary_vectors
+from depthprint._signature_store import (
+    ITEMS_PER_BLOCK,
+    SignatureStore,
+    float32_holds,
+    summary_slack,
+    summary_vectors,
+)
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
@@ -24,9 +30,9 @@ IntArray = npt.NDArray[np.int64]
 _ROUNDING = 1.0 + 1e-12
 _FIRST_BATCH, _LARGEST_BATCH = 4, 32
 _SEEDS = 64
+_FIRST_LOOK = 12
 _ITEMS_PER_ROUND = 256
 _ITEMS_PER_SCAN = 4096
-_FLOAT32_LIMIT = 1e12
 
 
 class NearestSearch:
@@ -81,7 +87,7 @@ class NearestSearch:
         least, shift = np.empty(len(items)), np.empty(len(items), np.int64)
         for start in range(0, len(items), _ITEMS_PER_SCAN):
             part = slice(start, start + _ITEMS_PER_SCAN)
-            bounds = sum(self._relaxed_parts(items[part]))
+            bounds: FloatArray = np.sum(self._relaxed_parts(items[part]), axis=0)
             least[part], shift[part] = bounds.min(axis=1), bounds.argmin(axis=1)
         return least, shift
 
@@ -93,7 +99,7 @@ class NearestSearch:
             scanned = items[start : start + _ITEMS_PER_SCAN]
             nearest = best[start : start + _ITEMS_PER_SCAN]
             parts = self._relaxed_parts(scanned)
-            bounds = sum(parts)
+            bounds: FloatArray = np.sum(parts, axis=0)
             ranked = np.argsort(bounds, axis=1, kind="stable")
             for rank in range(ranked.shape[1]):
                 limits = nearest * _ROUNDING
@@ -105,8 +111,9 @@ class NearestSearch:
     def _threshold(self, k: int) -> float:
         if len(self._best) < k:
             return np.inf
-        values = np.array([distance for distance, _ in self._best.values()])
-        return float(np.partition(values, k - 1)[k - 1]) * _ROUNDING
+        distances = [distance for distance, _ in self._best.values()]
+        kth = min(distances) if k == 1 else float(np.partition(distances, k - 1)[k - 1])
+        return kth * _ROUNDING
 
     def _narrow(self, items: IntArray, bounds: FloatArray, k: int) -> None:
         """Items by rising bound, in rounds that grow: reduced bounds, then relaxed ones, then exact distances."""
@@ -130,8 +137,7 @@ class NearestSearch:
 
     def _solve_in_bound_order(self, items: IntArray, k: int) -> None:
         parts = self._relaxed_parts(items)
-        total = sum(parts)
-        flat = np.asarray(total).ravel()
+        flat: FloatArray = np.sum(parts, axis=0).ravel()
         order = np.argsort(flat, kind="stable")
         start, size = 0, _FIRST_BATCH
         while start < len(order):
@@ -204,7 +210,7 @@ class NearestSearch:
             mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
             norm = max(float(np.abs(side.points).max(initial=0.0)), store.largest_norm)
             norm += float(np.abs(self._shifts[s]).max(initial=0.0))
-            if not max(mass * ground.cap, mass, norm) < _FLOAT32_LIMIT:
+            if not float32_holds(mass, norm, ground):
                 return False
         return True
 
@@ -228,7 +234,7 @@ class NearestSearch:
             side, stream = self._sides[s], self._streams[s]
             add_block_bounds(
                 self._vectors[s], side.masses[0], side.complexity[0], store.low, store.high, store.mass_range,
-                store.largest_complexity, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+                store.largest_complexity, summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 
@@ -240,33 +246,34 @@ class NearestSearch:
             side, stream = self._sides[s], self._streams[s]
             add_item_bounds(
                 self._vectors[s], side.masses[0], side.complexity[0], store.vectors, store.masses,
-                store.complexity, items, 0.5e-6 * stream.ground.cap, stream.weight, self._rules[s], out,
+                store.complexity, items, summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 
     def _reduced_bounds(self, items: IntArray, threshold: float) -> FloatArray:
-        """Sum of the streams' reduced bounds; a later stream is looked at only where earlier ones let it."""
-        from depthprint._kernels.reduction import reduced_bounds
-
+        """Sum of the streams' reduced bounds; later looks are only at items that earlier ones let through."""
+        looks = {min(_FIRST_LOOK, max(s.dims for s in self._stores)), max(s.dims for s in self._stores)}
         total = np.zeros(len(items))
         alive = np.arange(len(items))
-        for s, store in enumerate(self._stores):
-            side, stream, rules = self._sides[s], self._streams[s], self._rules[s]
-            m = int(side.counts[0])
-            dims = store.dims - rules.position_dims
-            points = side.points[0, :m]
-            extent = 0 if rules.period > 0 else rules.position_dims
-            low = points[:, dims : dims + extent] + self._shifts[s][:, :extent].min(axis=0)
-            high = points[:, dims : dims + extent] + self._shifts[s][:, :extent].max(axis=0)
-            reach = float(np.abs(self._shifts[s]).max(initial=0.0)) + store.largest_norm
-            reach += float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
-            bounds = reduced_bounds(
-                points[:, :dims].astype(np.float32), low.astype(np.float32), high.astype(np.float32),
-                side.weights[0], side.masses[0], side.complexity[0],
-                store.weights, store.points, store.counts, store.masses, store.complexity,
-                items[alive], (threshold - total[alive]) / stream.weight,
-                1.2e-7 * (store.dims + 16) * reach, rules,
-            )  # fmt: skip
-            total[alive] += stream.weight * bounds
-            alive = alive[total[alive] <= threshold]
+        for coordinates in sorted(looks):
+            sums = np.zeros(len(items))
+            for s in range(len(self._stores)):
+                sums[alive] += self._streams[s].weight * self._reduced_part(s, items[alive], coordinates)
+                total[alive] = np.maximum(total[alive], sums[alive])
+                alive = alive[total[alive] <= threshold]
         return total
+
+    def _reduced_part(self, s: int, items: IntArray, coordinates: int) -> FloatArray:
+        """Bounds of one stream's distance to ``items`` from so many coordinates of the appearances."""
+        from depthprint._kernels.reduction import reduced_bounds
+
+        store, side, rules = self._stores[s], self._sides[s], self._rules[s]
+        points = side.points[0, : int(side.counts[0])]
+        reach = store.largest_norm + float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
+        dims = min(coordinates, store.dims - rules.position_dims)
+        bounds: FloatArray = reduced_bounds(
+            points[:, :dims].astype(np.float32), side.weights[0], side.masses[0], side.complexity[0],
+            store.weights, store.points, store.counts, store.masses, store.complexity,
+            items, 1.2e-7 * (store.dims + 16) * reach, rules,
+        )  # fmt: skip
+        return bounds

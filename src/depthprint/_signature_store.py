@@ -12,7 +12,7 @@ from depthprint.signature import GroundDistance
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
 
-__all__ = ["ITEMS_PER_BLOCK", "SignatureStore", "summary_vectors"]
+__all__ = ["ITEMS_PER_BLOCK", "SignatureStore", "float32_holds", "summary_slack", "summary_vectors"]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
@@ -20,6 +20,7 @@ IntArray = npt.NDArray[np.int64]
 
 ITEMS_PER_BLOCK = 32
 _DOUBLES_UP_TO = 1 << 14
+_FLOAT32_LIMIT = 1e12
 
 
 class SignatureStore:
@@ -143,6 +144,16 @@ def summary_vectors(
         vectors = np.einsum("nk,ndk->nd", weights * scale, appearance).astype(np.float32)
         largest = np.sqrt(np.einsum("ndk,ndk->nk", points, points)).max(initial=0.0)
     return vectors, float(largest)
+
+
+def summary_slack(ground: GroundDistance) -> float:
+    """More than the rounding of a summary vector in float32, for a unit of mass."""
+    return 0.5e-6 * ground.cap
+
+
+def float32_holds(mass: float, norm: float, ground: GroundDistance) -> bool:
+    """Whether float32 holds all that the cheap bounds add up, for masses and points up to these."""
+    return max(mass, mass * ground.cap, norm) < _FLOAT32_LIMIT
 
 
 def _grow(array: npt.NDArray[np.generic], rows: int) -> None:

@@ -167,6 +167,7 @@ def emd_pairs(
     right = side_arrays(second, masses, ground, right=True)
     if form is None and masses != "null":
         refuse_empty(left.masses, right.masses, masses)
+    distances: FloatArray
     distances, status = aligned_pairs(left, right, offset, pair_rules(masses, form, ground))
     check_status(status)
     return distances
@@ -203,9 +204,12 @@ def emd_pairs_from_costs(
         p, q = p / mass_p[:, None], q / mass_q[:, None]
     from depthprint._kernels.pairs import solve_many
 
+    works: FloatArray
     works, status = solve_many(p, q, c, null_cost if masses == "null" else 0.0, masses == "balanced")
     check_status(status)
-    return works / np.minimum(mass_p, mass_q) if masses == "rubner" else works
+    if masses == "rubner":
+        works /= np.minimum(mass_p, mass_q)
+    return works
 
 
 def difference_matrix(
@@ -223,8 +227,8 @@ def difference_matrix(
 
     ``form`` None gives the EMD, else the normalised distance of that form (see `depthprint.ncd`); there an
     empty signature has complexity 0 and distance 1 to any other. ``shifts`` (S, position_dims): the least
-    over these offsets of a's positions. ``below``: larger distances are returned as inf, most of them
-    unsolved. Parallel over pairs; the result does not depend on the number of threads.
+    over these offsets of a's positions. ``below``: larger distances are returned as inf, most of them unsolved
+    and many not even looked at. Parallel over pairs; the result does not depend on the number of threads.
 
     Raises FingerprintError, DataError (dimensions; an empty signature where ``masses`` is not `null` and
     ``form`` is None), SettingsError, ConvergenceError.
@@ -238,6 +242,7 @@ def difference_matrix(
     if below is not None and np.isnan(below):
         raise SettingsError("difference_matrix: below must be a number, got nan")
     from depthprint._kernels.pairs import difference_tasks
+    from depthprint._matrix_tasks import BelowBound, row_tasks
 
     left = side_arrays(a, masses, ground, right=False)
     right = side_arrays(other, masses, ground, right=True)
@@ -249,14 +254,14 @@ def difference_matrix(
     out = np.empty((len(a), len(other)))
     total = len(a) * (len(a) + 1) // 2 if symmetric else out.size
     step = max(1, _CELLS_PER_TASK // (left.weights.shape[1] * right.weights.shape[1]))
-    tasks: list[FloatArray] = []
+    may_be_below = BelowBound(left, right, ground, rules, limit)
+    tasks: list[npt.NDArray[np.int64]] = []
     pending = done = 0
     for i in range(len(a)):
-        starts = np.arange(i if symmetric else 0, len(other), step)
-        tasks.append(
-            np.stack([np.full_like(starts, i), starts, np.minimum(starts + step, len(other))], axis=1)
-        )
-        pending += len(other) - (i if symmetric else 0)
+        first = i if symmetric else 0
+        out[i, first:] = np.inf
+        tasks.append(row_tasks(i, may_be_below.columns(i, first), step))
+        pending += len(other) - first
         if pending >= _PAIRS_PER_CALL or i == len(a) - 1:
             check_status(difference_tasks(left, right, np.concatenate(tasks), offsets, limit, rules, out))
             done, pending, tasks = done + pending, 0, []

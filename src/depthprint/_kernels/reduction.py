@@ -1,7 +1,8 @@
-"""Relaxed bounds in float32, refined a few coordinates at a time and given up as soon as they are too large.
+"""Relaxed bounds in float32 from the first coordinates of the appearances, many items side by side.
 
-Coordinates not looked at yet enter by the difference of their norms. ``slack`` and ``shrink`` are more than
-the rounding of float32, so what is returned is a lower bound of the exact distance.
+Items lie side by side in the vector registers: column j of item l is element j * lanes + l, so that the loops
+over elements are long and the least of a row is taken in all lanes at once. ``slack`` and ``shrink`` are more
+than the rounding of float32, so what is returned is a lower bound of the exact distance.
 """
 
 from __future__ import annotations
@@ -21,93 +22,66 @@ IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
-_ITEMS_PER_TASK = 32
-_WIDTH = 16  # columns are padded to whole vectors
-_FIRST = 8  # appearance coordinates before the first look; each look doubles them
+_LANES = 32
 _FAR = np.float32(3e38)
 
 
 @njit(cache=True, nogil=True)
-def _add_coordinates(
-    p: Float32Array, q: Float32Array, first: int, last: int, m: int, width: int, square: Float32Array
-) -> None:
-    for i in range(m):
-        row = square[i]
-        k = first
-        while k + 4 <= last:  # four coordinates a pass over the row
-            x0, x1, x2, x3 = p[i, k], p[i, k + 1], p[i, k + 2], p[i, k + 3]
-            q0, q1, q2, q3 = q[k], q[k + 1], q[k + 2], q[k + 3]
-            for j in range(width):
-                t0, t1, t2, t3 = x0 - q0[j], x1 - q1[j], x2 - q2[j], x3 - q3[j]
-                row[j] += (t0 * t0 + t1 * t1) + (t2 * t2 + t3 * t3)
-            k += 4
-        while k < last:
-            x0, q0 = p[i, k], q[k]
-            for j in range(width):
-                t0 = x0 - q0[j]
-                row[j] += t0 * t0
-            k += 1
+def _lay_side_by_side(
+    points: Any, counts: IntArray, items: IntArray, q: Float32Array, far: Float32Array
+) -> int:
+    """First coordinates of the items into q, 0 or _FAR into ``far`` for columns there are or not; widest count."""
+    widest = 0
+    for x in range(len(items)):
+        widest = max(widest, counts[items[x]])
+    for c in range(widest * _LANES):
+        far[c] = _FAR
+    for x in range(len(items)):
+        item = items[x]
+        for j in range(counts[item]):
+            far[j * _LANES + x] = np.float32(0.0)
+        for k in range(len(q)):
+            for j in range(counts[item]):
+                q[k, j * _LANES + x] = points[item, k, j]
+    return widest
 
 
 @njit(cache=True, nogil=True)
-def _add_positions(
-    low: Float32Array,
-    high: Float32Array,
-    q: Float32Array,
-    first: int,
-    m: int,
-    width: int,
-    square: Float32Array,
-) -> None:
-    """Squared gaps of the positions, wherever between ``low`` and ``high`` a shift may put them."""
-    for i in range(m):
-        row = square[i]
-        for k in range(low.shape[1]):
-            a, b, other = low[i, k], high[i, k], q[first + k]
-            for j in range(width):
-                t = max(max(a - other[j], other[j] - b), np.float32(0.0))
-                row[j] += t * t
+def _add_coordinates(p: Float32Array, q: Float32Array, length: int, row: Float32Array) -> None:
+    """Add the squared differences of point p and all columns of q to row[:length]."""
+    k = 0
+    while k + 4 <= len(p):  # four coordinates a pass over the row
+        x0, x1, x2, x3 = p[k], p[k + 1], p[k + 2], p[k + 3]
+        q0, q1, q2, q3 = q[k], q[k + 1], q[k + 2], q[k + 3]
+        for c in range(length):
+            t0, t1, t2, t3 = x0 - q0[c], x1 - q1[c], x2 - q2[c], x3 - q3[c]
+            row[c] += (t0 * t0 + t1 * t1) + (t2 * t2 + t3 * t3)
+        k += 4
+    while k < len(p):
+        x0, q0 = p[k], q[k]
+        for c in range(length):
+            t0 = x0 - q0[c]
+            row[c] += t0 * t0
+        k += 1
 
 
 @njit(cache=True, nogil=True)
-def _minima(
-    square: Float32Array,
-    rest_p: Float32Array,
-    rest_q: Float32Array,
-    m: int,
-    n: int,
-    width: int,
-    line: Float32Array,
-    columns: Float32Array,
-    slack: float,
-    shrink: float,
-    cap: float,
-    minima: FloatArray,
-) -> None:
-    bits = line.view(np.int32)
-    for j in range(width):
-        columns[j] = _FAR
-    for i in range(m):
-        r, row = rest_p[i], square[i]
-        for j in range(width):
-            t = r - rest_q[j]
-            line[j] = row[j] + t * t
-        # squares are >= 0, so their bits order as they do: an integer minimum is taken several at a time
-        least = np.int32(0x7F7FFFFF)
-        for j in range(width):
-            least = min(least, bits[j])
-            columns[j] = min(columns[j], line[j])
-        bits[0] = least
-        minima[0, i] = min(max(np.sqrt(np.float64(line[0])) * shrink - slack, 0.0), cap)
-    for j in range(n):
-        minima[1, j] = min(max(np.sqrt(np.float64(columns[j])) * shrink - slack, 0.0), cap)
+def _take_minima(row: Float32Array, length: int, columns: Float32Array, least: Any) -> None:
+    """Least of each lane of the row into ``least``, and of each column so far into ``columns``."""
+    for c in range(length):
+        columns[c] = row[c] if row[c] < columns[c] else columns[c]
+    # squares are >= 0, so their bits order as they do: an integer minimum is taken several at a time
+    bits = row.view(np.int32)
+    for x in range(_LANES):
+        least[x] = bits[x]
+    for start in range(_LANES, length, _LANES):
+        for x in range(_LANES):
+            least[x] = min(least[x], bits[start + x])
 
 
 @njit(cache=True, parallel=True)
 def reduced_bounds(
     appearance: Float32Array,
-    low: Float32Array,
-    high: Float32Array,
     weights_p: FloatArray,
     mass_p: float,
     complexity_p: float,
@@ -117,77 +91,47 @@ def reduced_bounds(
     masses: FloatArray,
     complexities: FloatArray,
     items: IntArray,
-    above: FloatArray,
     slack: float,
     rules: PairRules,
 ) -> FloatArray:
-    """(len(items),) bounds of the distances of a query to ``items``; work on an item ends once over ``above``.
+    """(len(items),) bounds of the distances of a query to ``items`` from the first coordinates.
 
-    appearance (m, a), low and high (m, e): the query's appearance and where shifts may put its first e
-    positions; points (n, d, k) and weights (n, k) of the stored items may be float32 or float64.
+    appearance (m, a): those coordinates of the query; points (n, d, k) and weights (n, k) of the stored items
+    may be float32 or float64.
     """
     out = np.empty(len(items))
     m, dims = appearance.shape
     k_q = points.shape[2]
-    extent = low.shape[1]
-    size = (k_q + _WIDTH - 1) // _WIDTH * _WIDTH
-    shrink = 1.0 - 1.2e-7 * (points.shape[1] + 16)
-    tasks = (len(items) + _ITEMS_PER_TASK - 1) // _ITEMS_PER_TASK
+    shrink = 1.0 - 1.2e-7 * (dims + 16)
+    tasks = (len(items) + _LANES - 1) // _LANES
     for task in prange(tasks):
-        square = np.empty((m, size), np.float32)
-        q = np.empty((dims + extent, size), np.float32)
-        rest_p, rest_q = np.empty(m, np.float32), np.empty(size, np.float32)
-        line, columns = np.empty(size, np.float32), np.empty(size, np.float32)
+        members = items[task * _LANES : min(len(items), (task + 1) * _LANES)]
+        q = np.zeros((dims, k_q * _LANES), np.float32)
+        far, row = np.empty(k_q * _LANES, np.float32), np.empty(k_q * _LANES, np.float32)
+        columns = np.full(k_q * _LANES, _FAR)
+        rows = np.empty((m, _LANES), np.int32)
+        length = _lay_side_by_side(points, counts, members, q, far) * _LANES
+        for i in range(m if length else 0):
+            row[:length] = far[:length]
+            _add_coordinates(appearance[i], q, length, row)
+            _take_minima(row, length, columns, rows[i])
+        squares = rows.view(np.float32)
         minima = np.empty((2, max(m, k_q)))
         weights_q = np.empty(k_q)
-        for x in range(task * _ITEMS_PER_TASK, min(len(items), (task + 1) * _ITEMS_PER_TASK)):
-            item = items[x]
+        for x in range(len(members)):
+            item = members[x]
             n = counts[item]
-            complexity_q = complexities[item]
-            if mass_p <= 0.0 or masses[item] <= 0.0:
-                out[x] = normalise(complexity_p + complexity_q, complexity_p, complexity_q, rules.form)
-                continue
-            width = (n + _WIDTH - 1) // _WIDTH * _WIDTH
-            stored = points[item]
-            for k in range(dims + extent):
-                target, source = q[k], stored[k]
-                for j in range(n):
-                    target[j] = source[j]
-                for j in range(n, width):
-                    target[j] = np.float32(0.0)
-            for j in range(n):
-                weights_q[j] = weights[item, j]
-            for i in range(m):
-                for j in range(n):
-                    square[i, j] = np.float32(0.0)
-                for j in range(n, width):
-                    square[i, j] = _FAR
-            _add_positions(low, high, q, dims, m, width, square)
-            done = 0
-            bound = 0.0
-            while done < dims or done == 0:
-                following = min(max(2 * done, _FIRST), dims)
-                _add_coordinates(appearance, q, done, following, m, width, square)
+            emd = complexity_p + complexities[item]
+            if mass_p > 0.0 and masses[item] > 0.0:
                 for i in range(m):
-                    total = np.float32(0.0)
-                    for k in range(following, dims):
-                        total += appearance[i, k] * appearance[i, k]
-                    rest_p[i] = np.sqrt(total)
-                for j in range(width):
-                    rest_q[j] = np.float32(0.0)
-                for k in range(following, dims):
-                    source_q = q[k]
-                    for j in range(width):
-                        rest_q[j] += source_q[j] * source_q[j]
-                for j in range(width):
-                    rest_q[j] = np.sqrt(rest_q[j])
-                _minima(square, rest_p, rest_q, m, n, width, line, columns, slack, shrink, rules.cap, minima)
-                work = relaxed_work(
+                    least = np.sqrt(np.float64(squares[i, x])) * shrink - slack
+                    minima[0, i] = min(max(least, 0.0), rules.cap)
+                for j in range(n):
+                    least = np.sqrt(np.float64(columns[j * _LANES + x])) * shrink - slack
+                    minima[1, j] = min(max(least, 0.0), rules.cap)
+                    weights_q[j] = weights[item, j]
+                emd = relaxed_work(
                     weights_p, mass_p, m, weights_q, masses[item], n, minima[0], minima[1], rules
                 )
-                bound = normalise(work, complexity_p, complexity_q, rules.form)
-                done = following
-                if bound > above[x] or dims == 0:
-                    break
-            out[x] = bound
+            out[task * _LANES + x] = normalise(emd, complexity_p, complexities[item], rules.form)
     return out

@@ -14,15 +14,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
 
 __all__ = [
     "BAD_CERTIFICATE",
     "OPTIMAL",
     "PIVOT_LIMIT",
-    "bit_length",
     "make_scratch",
-    "power_of_two",
     "solve_pair",
     "solve_transport",
     "write_flow",
@@ -45,24 +44,6 @@ _ROWS_PRICED = 4
 def make_scratch(m: int, n: int) -> tuple[IntArray, IntArray]:
     """Work space of one thread for problems of up to m x n clusters."""
     return np.empty((_SCRATCH_ROWS, m + n + 2), np.int64), np.empty((m + 1, n + 1), np.int64)
-
-
-@njit(cache=True, nogil=True)
-def bit_length(value: int) -> int:
-    """Number of bits of a non-negative integer."""
-    bits = 0
-    while value > 0:
-        value >>= 1
-        bits += 1
-    return bits
-
-
-@njit(cache=True, nogil=True)
-def power_of_two(largest: float, bits: int) -> tuple[float, float]:
-    """Two factors whose product is the power of two that brings ``largest`` just under 2**bits."""
-    exponent = bits - math.frexp(largest)[1]
-    half = exponent // 2
-    return math.ldexp(1.0, half), math.ldexp(1.0, exponent - half)
 
 
 @njit(cache=True, nogil=True)
