@@ -35,7 +35,11 @@ TRAINING: dict[str, tuple[Callable[[], list[RangeImage]], DepthPicture, FabMapSe
         DepthPicture(2.0, 80.0, width=720, smoothing=0.5),
         _settings(0.01),
     ),
-    "laser": (lambda: street_frames("laser", 300)[::6], DepthPicture(1.0, 40.0, smoothing=1.0), _settings(0.01)),
+    "laser": (
+        lambda: street_frames("laser", 300)[::6],
+        DepthPicture(1.0, 40.0, smoothing=1.0),
+        _settings(0.01),
+    ),
     "handheld": (lambda: room_frames(150)[::3], DepthPicture(0.5, 6.0, smoothing=0.5), _settings(0.005)),
 }
 
