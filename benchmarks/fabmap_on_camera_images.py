@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from depthprint.baselines.fabmap.belief import FabMap
 from depthprint.baselines.fabmap.model import train_fabmap
-from depthprint.baselines.fabmap.posterior import with_neighbours
+from depthprint.baselines.fabmap.posterior import log_odds_against
 from depthprint.baselines.fabmap.settings import FabMapSettings
 from depthprint.evaluation.ground_truth import POSITIVE, TruthMatrix, read_loop_matrix
 from depthprint.evaluation.metrics import QueryOutcomes, bootstrap_intervals, loop_metrics
@@ -74,8 +74,8 @@ def main() -> None:
         words = model.words(picture)
         belief = drive.locate(words, max(0, frame - options.gap))
         if len(belief.log_places):
-            log_p = with_neighbours(belief.log_places, settings.neighbours)
-            matches[frame], scores[frame] = int(log_p.argmax()), float(log_p.max())
+            against = log_odds_against(belief.log_new, belief.log_places, settings.neighbours)
+            matches[frame], scores[frame] = int(against.argmin()), -float(against.min())
         drive.follow(belief)
         drive.add(words)
     print(f"{1e3 * (time.process_time() - started) / len(paths):.1f} ms a frame, features included")

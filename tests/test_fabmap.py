@@ -14,7 +14,13 @@ from depthprint.baselines.fabmap.inverted_index import LikelihoodIndex
 from depthprint.baselines.fabmap.likelihood import full_log_likelihoods
 from depthprint.baselines.fabmap.model import FabMapModel, train_fabmap
 from depthprint.baselines.fabmap.model_file import load_fabmap, save_fabmap
-from depthprint.baselines.fabmap.posterior import log_posterior, motion_prior, smoothed, with_neighbours
+from depthprint.baselines.fabmap.posterior import (
+    log_odds_against,
+    log_posterior,
+    motion_prior,
+    smoothed,
+    with_neighbours,
+)
 from depthprint.baselines.fabmap.recognizer import FabMapRecognizer
 from depthprint.baselines.fabmap.settings import FabMapSettings
 from depthprint.errors import DataError, ModelError, SettingsError
@@ -187,6 +193,17 @@ def test_the_belief_moves_along_with_a_drive_and_only_then():
         still.add(words)
     unmoved = {m.place: m.distance for m in still.query(images[3], k=6, limit=6)}
     assert moved[3] < unmoved[3]
+
+
+@pytest.mark.parametrize("neighbours", [0, 1])
+def test_the_distance_is_the_log_odds_also_where_the_probability_rounds_to_one(neighbours):
+    p = np.array([0.2, 0.55, 0.05, 0.1])
+    joined = np.exp(with_neighbours(np.log(p), neighbours))
+    assert np.allclose(
+        log_odds_against(float(np.log(0.1)), np.log(p), neighbours), np.log((1 - joined) / joined)
+    )
+    sure = [log_odds_against(-log, np.array([0.0]), neighbours)[0] for log in (50.0, 400.0, 900.0)]
+    assert sure == [-50.0, -400.0, -900.0]
 
 
 def learned(n=12):

@@ -31,7 +31,7 @@ WITH_GEOMETRY = "+geometry"
 _HANDHELD_POLAR = PolarSettings(sectors=24, rings=20, ring_m=0.25, ground_clearance_m=0.2, max_height_m=3.0)
 _HANDHELD_CHANNELS = ("height", "low-count", "high-count")
 
-# Chosen for each kind of sensor on simulated drives that are scored nowhere.
+# The papers' settings, with grids scaled to what each kind of sensor sees.
 _SCAN_CONTEXT: dict[str, dict[str, Any]] = {
     "street": {"sectors": 24, "reach_m": 40.0, "full_circle": False, "max_shift": 3},
     "lidar": {},

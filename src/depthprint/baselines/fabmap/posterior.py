@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from depthprint.baselines.fabmap.settings import FabMapSettings
 
-__all__ = ["log_posterior", "motion_prior", "smoothed", "with_neighbours"]
+__all__ = ["log_odds_against", "log_posterior", "motion_prior", "smoothed", "with_neighbours"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,3 +50,18 @@ def with_neighbours(log_p: FloatArray, reach: int) -> FloatArray:
     padded = np.pad(log_p, reach, constant_values=-np.inf)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
     return np.asarray(np.logaddexp.reduce(windows, axis=1))
+
+
+def log_odds_against(log_new: float, log_places: FloatArray, neighbours: int = 0) -> FloatArray:
+    """Log odds (n,) against each place and its neighbours: log (1 - p) - log p.
+
+    Sure matches have a p that rounds to one; what is left outside is added up from its own logarithms instead.
+    """
+    log_p = with_neighbours(log_places, neighbours)
+    against = np.log1p(-np.minimum(np.exp(log_p), 0.5)) - log_p
+    for place in np.flatnonzero(log_p > np.log(0.5)):
+        older = log_places[: max(0, place - neighbours)]
+        newer = log_places[place + neighbours + 1 :]
+        outside = np.logaddexp.reduce(np.concatenate([[log_new], older, newer]))
+        against[place] = outside - log_p[place]
+    return np.asarray(against)

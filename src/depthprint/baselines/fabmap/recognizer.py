@@ -1,4 +1,4 @@
-"""FAB-MAP 2.0 as a place recogniser on depth: pictures of depth, words, and the belief's log-probability."""
+"""FAB-MAP 2.0 as a place recogniser on depth: pictures of depth, words, and the odds of the belief."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthprint.baselines.fabmap.belief import Belief, FabMap
 from depthprint.baselines.fabmap.depth_picture import DepthPicture
 from depthprint.baselines.fabmap.model import FabMapModel, train_fabmap
-from depthprint.baselines.fabmap.posterior import with_neighbours
+from depthprint.baselines.fabmap.posterior import log_odds_against
 from depthprint.baselines.vector_store import nearest_matches
 from depthprint.errors import ModelError
 from depthprint.range_image import RangeImage
@@ -22,7 +22,9 @@ Words = npt.NDArray[np.int32]
 
 
 class FabMapRecognizer:
-    """Negative log-probability of each place, the place never visited among the outcomes.
+    """Log odds against each place, the place never visited among the outcomes: negative where it is the likelier.
+
+    They rank as the probability does, and still tell sure matches apart where that rounds to one.
 
     The motion prior follows the drive: when the description that was last queried is added, its belief becomes the
     earlier one of the next query. Between additions a query changes nothing.
@@ -57,15 +59,13 @@ class FabMapRecognizer:
         """Most probable places below ``limit``, with their neighbours where the settings say so."""
         belief = self._map.locate(description, limit)
         self._latest = (description, belief)
-        return nearest_matches(_distances(belief, self._model.settings.neighbours), k)
+        return nearest_matches(
+            log_odds_against(belief.log_new, belief.log_places, self._model.settings.neighbours), k
+        )
 
     def distance(self, first: Words, second: Words) -> float:
-        """Negative log-probability that ``first`` is at the place of ``second``, were that the whole map."""
+        """Log odds against ``first`` being at the place of ``second``, were that the whole map."""
         alone = FabMap(self._model)
         alone.add(second)
-        return float(_distances(alone.locate(first), 0)[0])
-
-
-def _distances(belief: Belief, neighbours: int) -> npt.NDArray[np.float64]:
-    """Negative log-probability (n,) of each place; sums that rounding lifted above one count as one."""
-    return np.asarray(-np.minimum(with_neighbours(belief.log_places, neighbours), 0.0))
+        belief = alone.locate(first)
+        return float(log_odds_against(belief.log_new, belief.log_places)[0])

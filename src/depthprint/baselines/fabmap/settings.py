@@ -34,7 +34,7 @@ class FabMapSettings:
     n_features: int = 300
     upright: bool = True
     contrast: float = 0.02
-    cluster_size: float = 0.75
+    cluster_size: float = 0.55
     information_bound: float = 0.0005
     p_seen_if_there: float = 0.39
     p_seen_if_not: float = 0.0
