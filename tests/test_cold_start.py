@@ -63,7 +63,7 @@ def test_the_first_words_of_the_command_line_load_no_computation(arguments):
     )
     loaded = set(json.loads(run("-c", code).splitlines()[-1]))
     assert "depthprint.cli.loops" in loaded
-    assert not {"numba", "scipy", "matplotlib", "cv2", "sklearn", "trimesh", "pydantic"} & loaded
+    assert not {"numba", "scipy", "matplotlib", "cv2", "sklearn", "trimesh"} & loaded
 
 
 def test_facts_about_the_installation_need_no_kernel():
