@@ -8,6 +8,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from benchmarks.families import FAMILIES, names_of, run_family
 
@@ -35,7 +36,10 @@ def main() -> None:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = str(options.threads)
 
-    rows: dict[str, dict[str, object]] = {}
+    from benchmarks import report
+    from benchmarks.plots import plot_scaling
+
+    results: dict[str, Any] = {}
     for family in FAMILIES:
         wanted = {name for name in names_of(family) if not options.only or name in options.only}
         if not wanted:
@@ -43,13 +47,10 @@ def main() -> None:
         started = time.perf_counter()
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
             found = pool.submit(run_family, family, wanted, options.quick, options.threads).result()
-        rows |= {str(row.pop("name")): row for row in found}
+        rows = {str(row.pop("name")): row for row in found}
+        results = report.write_results(options.out, rows, options.quick)
         print(f"{family}: {', '.join(sorted(wanted))} in {time.perf_counter() - started:.0f} s", flush=True)
 
-    from benchmarks import report
-    from benchmarks.plots import plot_scaling
-
-    results = report.write_results(options.out, rows, options.quick)
     print(report.table(results))
     if options.quick:
         return

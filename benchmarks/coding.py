@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,11 @@ __all__ = ["NAMES", "run"]
 
 NAMES = ("omp_sklearn", "omp_sklearn_float64", "omp_spams", "omp_spams_float64")
 N_NONZERO = 20
-_PEERS = {"sklearn": ("orthogonal_mp_gram", "scikit-learn"), "spams": ("spams.omp", "spams-bin")}
+# spams.omp picks the atom that lessens the residual most, which is what is called OLS here.
+_PEERS = {
+    "sklearn": ("omp", "orthogonal_mp_gram", "scikit-learn"),
+    "spams": ("ols", "spams.omp", "spams-bin"),
+}
 
 
 def run(settings: Settings, wanted: set[str]) -> list[Comparison]:
@@ -39,33 +44,42 @@ def _compare(
 ) -> list[Comparison]:
     atoms = dictionary.atoms.astype(x.dtype)
     makers = {"sklearn": _scikit_learn, "spams": _spams}
-    contestants: dict[str, Callable[[], Any]] = {
-        "ours": lambda: sparse_code(x, dictionary, n_nonzero=N_NONZERO)
-    }
-    notes = {}
+    contestants: dict[str, Callable[[], Any]] = {}
+    notes, same = {}, {}
     for name in names:
+        algorithm = _PEERS[name][0]
+        ours = contestants[algorithm] = partial(
+            sparse_code, x, dictionary, algorithm=algorithm, n_nonzero=N_NONZERO
+        )
         try:
             contestants[name] = makers[name](x, atoms, settings.threads)
         except ImportError as error:
             notes[name] = f"no ready-made wheel for this Python: {error}"
-    found = contestants["ours"]().to_dense()
-    same = {name: _same_supports(contestants[name](), found) for name in names if name in contestants}
+            continue
+        same[name] = _same_supports(contestants[name](), ours().to_dense())
     taken = interleaved_s(contestants, warm=False)
-    return [
-        Comparison(
-            f"omp_{name}{suffix}",
-            taken["ours"],
-            taken.get(name),
-            _PEERS[name][0],
-            version(_PEERS[name][1]),
-            settings.threads,
-            f"{len(x)} x {x.shape[1]}, {len(atoms)} atoms, {N_NONZERO} non-zeros, {x.dtype}",
-            "batch",
-            notes.get(name, ""),
-            {"share_of_same_supports": same[name]} if name in same else {},
-        )
-        for name in names
-    ]
+    return [_row(name, suffix, x, atoms, taken, notes, same, settings) for name in names]
+
+
+def _row(
+    name: str,
+    suffix: str,
+    x: npt.NDArray[Any],
+    atoms: npt.NDArray[Any],
+    taken: Mapping[str, float],
+    notes: Mapping[str, str],
+    same: Mapping[str, float],
+    settings: Settings,
+) -> Comparison:
+    algorithm, peer, package = _PEERS[name]
+    size = (
+        f"{len(x)} x {x.shape[1]}, {len(atoms)} atoms, {N_NONZERO} non-zeros, {x.dtype}, {algorithm.upper()}"
+    )
+    extra = {"share_of_same_supports": same[name]} if name in same else {}
+    return Comparison(
+        f"omp_{name}{suffix}", taken[algorithm], taken.get(name), peer, version(package), settings.threads, size,
+        "batch", notes.get(name, ""), extra,
+    )  # fmt: skip
 
 
 def _scikit_learn(x: npt.NDArray[Any], atoms: npt.NDArray[Any], _: int) -> Callable[[], npt.NDArray[Any]]:
