@@ -32,6 +32,8 @@ _UNKNOWN_YAW_STEPS = 16
 _BESIDE = 0.15
 # No other start is tried once the views agree this much.
 _CERTAIN = 0.7
+# Nor where the best one led to less than this share of the overlap that is needed.
+_HOPELESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,7 @@ class GeometricVerifier:
             tried = self._judge(query, match, pose, origin, enough)
             if found is None or _rank(tried) > _rank(found):
                 found = tried
-            if found.accepted and found.overlap > _CERTAIN:
+            if found.accepted and found.overlap > _CERTAIN or found.overlap < _HOPELESS * enough:
                 break
         if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
             start_pose = kiss_matcher_start(query, match)
