@@ -132,7 +132,7 @@ class GeometricVerifier:
             tried = self._judge(query, match, pose, origin, enough)
             if found is None or _rank(tried) > _rank(found):
                 found = tried
-            if found.accepted and found.overlap > _CERTAIN or found.overlap < _HOPELESS * enough:
+            if (found.accepted and found.overlap > _CERTAIN) or found.overlap < _HOPELESS * enough:
                 break
         if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
             start_pose = kiss_matcher_start(query, match)
