@@ -229,7 +229,14 @@ class _Store:
         """A store of some of the items."""
         store = _Store.__new__(_Store)
         store.fingerprint, store.dims, store.count = self.fingerprint, self.dims, len(items)
-        store.side = type(self.side)(*(array[items] for array in self.side))
+        side = self.side
+        store.side = side._replace(
+            weights=side.weights[items],
+            points=side.points[items],
+            counts=side.counts[items],
+            masses=side.masses[items],
+            complexity=side.complexity[items],
+        )
         return store
 
 
