@@ -44,7 +44,7 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
-    accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest offset allowed.
+    accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
 
     T_match_query: FloatArray
