@@ -154,3 +154,15 @@ def test_progress_is_told_to_its_end():
     calls = []
     street(progress=lambda done, total: calls.append((done, total)))
     assert calls == [(0, 2), (1, 2), (2, 2)]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "rows", "preset", "heading"),
+    [("lidar-16", 16, "lidar", None), ("lidar-32", 32, "lidar", None), ("lidar-ahead", 64, "street", 45.0)],
+)
+def test_other_lidars_have_their_beams_and_preset(sensor, rows, preset, heading):
+    sequence = simulated_street(sensor=sensor, seed=3, length_m=300.0, every=40)
+    image = sequence[1]
+    assert image.shape[0] == rows
+    assert image.valid.mean() > 0.2
+    assert (sequence.preset, sequence.truth.heading_deg) == (preset, heading)

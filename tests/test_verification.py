@@ -100,12 +100,12 @@ def test_another_place_is_refused_with_a_reason(sensor):
 
 
 def test_hand_held_view_is_recovered_in_six_degrees_of_freedom():
-    scene = block_world(1, extent_m=4.0, size_m=1.2, blocks=60)
+    scene = block_world(1, extent_m=4.0, size_m=1.2, blocks=120)
     first = pose_at(HAND_HELD, 0.0, 0.0, 0.0, 1.2)
     tilt = np.eye(4)
-    a = 0.08
+    a = 0.04
     tilt[:3, :3] = [(1, 0, 0), (0, math.cos(a), -math.sin(a)), (0, math.sin(a), math.cos(a))]
-    later = pose_at(HAND_HELD, 0.1, 0.15, 0.15, 1.25) @ tilt
+    later = pose_at(HAND_HELD, 0.04, 0.05, 0.05, 1.23) @ tilt
     match, query = (seen(scene, HAND_HELD, T, None, 0.003) for T in (first, later))
     found = GeometricVerifier().verify(query, match)
     assert found.accepted, found.reason

@@ -28,10 +28,10 @@ class CascadeSettings:
     verify: bool = True
     climb: bool = True
     consistency: bool = True
-    proposed: int = 60
-    ranked: int = 10
+    proposed: int = 40
+    ranked: int = 8
     vector_weight: float = 0.5
-    verified: int = 5
+    verified: int = 4
     spread: int = 4
 
     def __post_init__(self) -> None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from depthprint.errors import ConvergenceError, DataError, FingerprintError, ModelError, SettingsError
 from depthprint.loop_probability import match_probabilities, same_place_odds
 from depthprint.loop_status import LoopResult, LoopStatus
+from depthprint.loop_threshold import calibrate_threshold, pairs_needed
 from depthprint.place import Place, checked_pose
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
@@ -24,37 +25,6 @@ __all__ = ["LoopClosureDetector", "LoopResult", "LoopStatus", "Place", "calibrat
 _PROPOSALS = 10
 # Pairs of either kind before probabilities are told.
 _LEARNED_FROM = 20
-
-
-def calibrate_threshold(distances: npt.ArrayLike, false_positive_rate: float) -> float:
-    """Largest threshold that accepts at most a given share of distances between different places.
-
-    distances: (n,) between places far apart in time, nearly all of them different; no ground truth.
-        Returns among them can only lower the threshold, so the rate holds as an upper limit.
-    false_positive_rate: share of *pairs* accepted, in (0, 1). A query compared with n independent places is
-        wrong about n times as often. At least 1 / rate distances are needed, since fewer cannot show it.
-    A pair is accepted when its distance <= threshold.
-    Raises SettingsError for a rate outside (0, 1), DataError for too few or non-finite distances.
-    """
-    if not 0 < false_positive_rate < 1:
-        raise SettingsError(f"calibrate_threshold: expected a rate in (0, 1), got {false_positive_rate}")
-    values = np.asarray(distances, dtype=np.float64)
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise DataError(f"calibrate_threshold: expected finite distances (n,), got shape {values.shape}")
-    needed = _pairs_needed(false_positive_rate)
-    if len(values) < needed:
-        raise DataError(
-            f"calibrate_threshold: a rate of {false_positive_rate:g} needs at least {needed} distances, "
-            f"got {len(values)}"
-        )
-    allowed = math.floor(false_positive_rate * len(values) * (1 + 1e-12))
-    first_refused = np.partition(values, allowed)[allowed]
-    return float(np.nextafter(first_refused, -np.inf))
-
-
-def _pairs_needed(false_positive_rate: float) -> int:
-    """Fewest distances that can show a rate: one in them must be allowed to be wrong."""
-    return math.ceil(1 / false_positive_rate * (1 - 1e-12))
 
 
 class LoopClosureDetector:
@@ -154,7 +124,7 @@ class LoopClosureDetector:
         """Threshold in force for the next query, None while there are too few pairs to calibrate one."""
         if self._fixed_threshold is not None:
             return self._fixed_threshold
-        if len(self._far_distances) < _pairs_needed(self.false_positive_rate):
+        if len(self._far_distances) < pairs_needed(self.false_positive_rate):
             return None
         return calibrate_threshold(self._far_distances, self.false_positive_rate)
 

@@ -22,7 +22,7 @@ from depthprint.verification.view_cache import ViewCache
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
-# With this much agreement nothing better is looked for.
+# With this much nearness nothing better is looked for.
 _CERTAIN = 0.6
 
 
@@ -114,12 +114,12 @@ class VerifiedRecognizer:
         checked: dict[int, Verification] = {}
         seconded = self._seconded(stored)
         for place, pose in seconded.items():
-            if any(v.accepted and v.agreement > _CERTAIN for v in checked.values()):
+            if any(v.accepted and v.nearness > _CERTAIN for v in checked.values()):
                 break
             checked[place] = self._check(description, place, 0.0, (pose,), True)
         for match in spread_in_time(pool, self._k, self._spread):
             best = _best(checked)
-            if best is not None and checked[best].agreement > _CERTAIN:
+            if best is not None and checked[best].nearness > _CERTAIN:
                 break
             if match.place not in checked:
                 yaw = self._yaw(match, description.view)
@@ -195,7 +195,7 @@ class VerifiedRecognizer:
     ) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
         for step in (4, 2, 1):
-            if checked[best].agreement > _CERTAIN:
+            if checked[best].nearness > _CERTAIN:
                 break
             pose = checked[best].T_match_query
             for place in (best - step, best + step):
@@ -219,7 +219,7 @@ class VerifiedRecognizer:
 
 def _best(checked: dict[int, Verification]) -> int | None:
     accepted = [place for place, v in checked.items() if v.accepted]
-    return max(accepted, key=lambda place: (checked[place].agreement, -place), default=None)
+    return max(accepted, key=lambda place: (checked[place].nearness, -place), default=None)
 
 
 def _distance(inner: float, verification: Verification | None) -> float:

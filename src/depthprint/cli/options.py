@@ -68,7 +68,7 @@ Sensor = Annotated[
     str | None,
     typer.Option(
         "--sensor",
-        metavar="stereo|kinect|lidar",
+        metavar="stereo|kinect|lidar|...",
         help="Kind of sensor when simulated; stereo or lidar of KITTI.",
     ),
 ]

@@ -12,7 +12,8 @@ __all__ = ["simulated_street"]
 
 _GAP_FRAMES = 100
 _LENGTH_M = 1500.0
-_PRESETS = {"lidar": "lidar", "laser": "laser"}
+_FULL_CIRCLE = ("lidar", "lidar-16", "lidar-32")
+_PRESETS = {**dict.fromkeys(_FULL_CIRCLE, "lidar"), "laser": "laser"}
 
 
 def simulated_street(
@@ -30,7 +31,8 @@ def simulated_street(
     poses_file: KITTI pose file whose horizontal path is driven; else a built-in route of ``length_m`` metres
         (1500 by default) with loops in both directions.
     every: take every k-th frame.
-    sensor: 'stereo', 'kinect', 'lidar' (a spinning one) or 'laser' (one planar row over 180 degrees).
+    sensor: 'stereo', 'kinect', 'lidar' (a spinning one of 64 beams), 'lidar-16', 'lidar-32', 'lidar-ahead' (120
+        degrees ahead), or 'laser' (one planar row over 180 degrees).
     seed: of the town, its traffic and the noise; different seeds are different towns.
     cars_redrawn: share of the parking slots whose car is drawn anew at each later visit.
     Poses are T_world_sensor in the projection's own frame, in a world whose z points up.
@@ -68,6 +70,8 @@ def simulated_street(
         length=len(poses),
         preset=_PRESETS.get(sensor, "street"),
         poses=poses,
-        truth=LoopTruth(gap=max(1, _GAP_FRAMES // every), heading_deg=None if sensor == "lidar" else 45.0),
+        truth=LoopTruth(
+            gap=max(1, _GAP_FRAMES // every), heading_deg=None if sensor in _FULL_CIRCLE else 45.0
+        ),
         simulated=True,
     )

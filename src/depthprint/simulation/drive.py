@@ -38,12 +38,26 @@ class SensorModel:
 _STEREO = Pinhole(fx=718.856 / 4, fy=718.856 / 4, cx=607.1928 / 4, cy=185.2157 / 4, width=310, height=94)
 _KINECT = Pinhole(fx=575.8 / 4, fy=575.8 / 4, cx=79.5, cy=59.5, width=160, height=120)
 _LIDAR = Spherical(width=720, height=64)
+_LIDAR_16 = Spherical.vlp16(720)
+_LIDAR_32 = Spherical.hdl32(720)
+# A solid-state scanner that looks ahead: 120 by 25 degrees.
+_LIDAR_AHEAD = Spherical(
+    width=240,
+    height=64,
+    azimuth_min_rad=math.radians(-60.0),
+    azimuth_max_rad=math.radians(60.0),
+    elevation_min_rad=math.radians(-15.0),
+    elevation_max_rad=math.radians(10.0),
+)
 _LASER = LaserRow(360, -math.pi / 2, math.pi / 360)
 
 SENSORS: dict[str, SensorModel] = {
     "stereo": SensorModel(_STEREO, 1.65, lambda ranges, rng: stereo_noise(ranges, _STEREO, rng)),
     "kinect": SensorModel(_KINECT, 1.2, lambda ranges, rng: kinect_noise(ranges, _KINECT, rng, far_m=10.0)),
     "lidar": SensorModel(_LIDAR, 1.73, lidar_noise),
+    "lidar-16": SensorModel(_LIDAR_16, 1.73, lidar_noise),
+    "lidar-32": SensorModel(_LIDAR_32, 1.73, lidar_noise),
+    "lidar-ahead": SensorModel(_LIDAR_AHEAD, 1.73, lidar_noise),
     "laser": SensorModel(_LASER, 0.5, lambda ranges, rng: lidar_noise(ranges, rng, near_m=0.1, far_m=80.0)),
 }
 

@@ -36,7 +36,7 @@ class DepthView:
     def points(self) -> npt.NDArray[np.float32]:
         """(n, 3) float32 points within reach, metres, sensor frame."""
         points = self.projection.points(self.ranges_m).reshape(-1, 3)
-        return points[np.isfinite(points[:, 0])]
+        return np.asarray(points[np.isfinite(points[:, 0])])
 
     def camera(self) -> tuple[int, npt.NDArray[np.float64], bool]:
         """Kind, parameters and wrapping of the projection, as the agreement kernel takes them."""

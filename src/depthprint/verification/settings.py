@@ -91,6 +91,7 @@ _HAND_HELD = VerificationSettings(
     pitch_rad=_degrees(0, -8, 8, -16, 16),
     max_pairing_m=0.3,
     max_offset_m=2.5,
+    max_free_space_share=0.1,
 )
 _ROW = VerificationSettings(
     columns=360,

@@ -21,7 +21,7 @@ _MIN_MATCHED = 8
 
 def yaw_pose(yaw_rad: float, projection: Projection) -> FloatArray:
     """(4, 4) turn to the left about the sensor's own up, in the projection's frame."""
-    return _from_flu(_flu_pose(0.0, 0.0, yaw_rad, 0.0)[None], projection)[0]
+    return np.asarray(_from_flu(_flu_pose(0.0, 0.0, yaw_rad, 0.0)[None], projection)[0])
 
 
 @lru_cache(maxsize=16)
@@ -67,7 +67,7 @@ def _thinned(points: npt.NDArray[np.float32], voxel_m: float) -> npt.NDArray[np.
     """One point of each voxel."""
     voxel = np.floor(points / voxel_m).astype(np.int64)
     _, first = np.unique(voxel, axis=0, return_index=True)
-    return points[np.sort(first)]
+    return np.asarray(points[np.sort(first)])
 
 
 def _flu_pose(forward: float, sideways: float, yaw: float, pitch: float) -> FloatArray:

@@ -32,6 +32,8 @@ _UNKNOWN_YAW_STEPS = 16
 _BESIDE = 0.15
 # No other start is tried once the views agree this much.
 _CERTAIN = 0.7
+# Nor where the best one led to less than this share of the overlap that is needed.
+_HOPELESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
-    accepted, and the reason for it in words. start: where the pose started from.
+    accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
 
     T_match_query: FloatArray
@@ -54,6 +56,12 @@ class Verification:
     accepted: bool
     reason: str
     start: str
+    max_offset_m: float = math.inf
+
+    @property
+    def nearness(self) -> float:
+        """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
+        return self.agreement * (1.0 - 0.5 * min(1.0, self.offset_m / self.max_offset_m))
 
     @property
     def agreement(self) -> float:
@@ -130,7 +138,7 @@ class GeometricVerifier:
             tried = self._judge(query, match, pose, origin, enough)
             if found is None or _rank(tried) > _rank(found):
                 found = tried
-            if found.accepted and found.overlap > _CERTAIN:
+            if (found.accepted and found.overlap > _CERTAIN) or found.overlap < _HOPELESS * enough:
                 break
         if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
             start_pose = kiss_matcher_start(query, match)
@@ -160,7 +168,7 @@ class GeometricVerifier:
         self, query: DepthView, match: DepthView, pose: FloatArray, start: str, enough: float
     ) -> Verification:
         there = view_agreement(query.counted, match, pose)
-        back = view_agreement(match.counted, query, np.linalg.inv(pose))
+        back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
@@ -177,6 +185,7 @@ class GeometricVerifier:
             accepted=not reason,
             reason=reason or f"{overlap:.0%} of the views agree, {free:.0%} are seen through",
             start=start,
+            max_offset_m=match.settings.max_offset_m,
         )
 
 
