@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.object_methods import PrecomputedDistanceMethod
-from depthprint.evaluation.objects import (
+from depthprint.evaluation.object_queries import hide_part, turn_queries
+from depthprint.evaluation.object_splits import (
     category_folds,
-    evaluate_objects,
     instance_split,
-    paired_difference,
+    named_trials,
+    random_trials,
     select_views,
 )
+from depthprint.evaluation.objects import ObjectProtocol, evaluate_objects, paired_difference
 from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
