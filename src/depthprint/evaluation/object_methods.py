@@ -114,12 +114,11 @@ class PrecomputedDistanceMethod:
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
     ) -> tuple[FloatArray, IndexArray]:
         """Negated distance to the nearest training view of each label."""
+        from depthprint.classification import class_distances
+
         classifier = self._fitted(train, train_labels)
-        ranking = classifier.predict_with_distances(self.distances[np.ix_(test, train)])
-        columns = np.searchsorted(classifier.classes_, ranking.labels)
-        scores = np.empty(ranking.distances.shape)
-        np.put_along_axis(scores, columns, -ranking.distances, axis=1)
-        return scores, np.asarray(classifier.classes_)
+        nearest = class_distances(classifier, self.distances[np.ix_(test, train)])
+        return -nearest, np.asarray(classifier.classes_)
 
     def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:
         """Numbers (n_test, k) of the nearest training views, nearest first."""

@@ -54,7 +54,9 @@ def hide_part(image: RangeImage, share: float, rng: np.random.Generator) -> Rang
     if not 0 <= share < 1:
         raise SettingsError(f"hidden: expected a share in [0, 1), got {share}")
     if image.mask is None:
-        raise DataError(f"{image.source or 'view'}: expected a mask of the object to hide a part of, got none")
+        raise DataError(
+            f"{image.source or 'view'}: expected a mask of the object to hide a part of, got none"
+        )
     rows, columns = np.nonzero(image.mask)
     angle = rng.uniform(0.0, 2.0 * np.pi)
     along = np.cos(angle) * columns + np.sin(angle) * rows

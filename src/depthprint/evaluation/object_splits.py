@@ -50,9 +50,7 @@ def category_folds(views: Sequence[ObjectView], seed: int) -> list[Split]:
     return folds
 
 
-def instance_split(
-    views: Sequence[ObjectView], elevation_deg: Mapping[int, float]
-) -> Split:
+def instance_split(views: Sequence[ObjectView], elevation_deg: Mapping[int, float]) -> Split:
     """View numbers to train on (30 and 60 deg, videos 1 and 4) and to test on (45 deg, video 2)."""
     elevations = np.array([elevation_deg.get(v.video, np.nan) for v in views])
     train = np.flatnonzero(np.isin(elevations, TRAIN_ELEVATIONS_DEG)).astype(np.int64)
@@ -71,9 +69,7 @@ def random_trials(views: Sequence[ObjectView], n_trials: int, seed: int) -> list
     generator = np.random.default_rng(seed)
     by_category = _by_category(views)
     return [
-        _leave_out(
-            views, {(c, names[generator.integers(len(names))]) for c, names in by_category.items()}
-        )
+        _leave_out(views, {(c, names[generator.integers(len(names))]) for c, names in by_category.items()})
         for _ in range(n_trials)
     ]
 

@@ -97,7 +97,9 @@ def object_report(evaluation: ObjectEvaluation, settings: Mapping[str, Any]) -> 
         "instance_tests": evaluation.n_instance_tests,
     }
     settings = {**settings, "frames": evaluation.frames}
-    report = _report(evaluation.protocol.words, evaluation, counts, settings, methods, "folder names of the objects")
+    report = _report(
+        evaluation.protocol.words, evaluation, counts, settings, methods, "folder names of the objects"
+    )
     for name, differences in (
         ("category_differences", evaluation.category_differences),
         ("instance_differences", evaluation.instance_differences),

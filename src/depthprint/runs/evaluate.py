@@ -89,13 +89,13 @@ def run_evaluate_objects(
     from depthprint.datasets.registry import open_objects
     from depthprint.evaluation.objects import evaluate_objects
     from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
-    from depthprint.object_methods import make_object_method
+    from depthprint.object_methods import make_object_methods
     from depthprint.run_folder import RunFolder
     from depthprint.visualization.confusion_matrix import draw_confusion_matrix
 
     objects = open_objects(root)
     name, encoder = choose_model(model, preset, "object")
-    prepared = [make_object_method(method, name, encoder) for method in methods]
+    prepared = make_object_methods(methods, name, encoder)
     settings = {
         "data": {"path": str(root)},
         "methods": list(methods),
