@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -138,7 +139,7 @@ class EncodedRecogniser(EncodedMethod):
             raise DataError(f"method {self.name!r}: expected views to train on and to test, got none")
         codes = self.comparisons.code_kernel()
         cosine = self.comparisons.codes().nearer()
-        kernels = [codes[np.ix_(rows, train)] for rows in (train, test)]
+        kernels: list[npt.NDArray[Any]] = [codes[np.ix_(rows, train)] for rows in (train, test)]
         distances = [[cosine[np.ix_(rows, train)]] for rows in (train, test)]
         if self._with_complexities:
             complexities = self.comparisons.complexities()

@@ -142,20 +142,20 @@ def compare_codes(
 ) -> MirroredDistances:
     """One minus the weighted mean cosine of the streams' pooled codes, (n, m) or symmetric (n, n)."""
     targets = queries if others is None else others
-    straight = np.ones((len(queries), len(targets)))
-    flipped = np.ones_like(straight) if encoder.settings.mirror else None
+    straight = _code_distances(encoder, queries, targets)
+    if not encoder.settings.mirror:
+        return MirroredDistances(straight)
+    flipped = _code_distances(encoder, [q.mirrored for q in queries if q.mirrored is not None], targets)
+    # Among the views themselves equal but for rounding: mirroring both changes nothing.
+    return MirroredDistances(straight, (flipped + flipped.T) / 2 if others is None else flipped)
+
+
+def _code_distances(encoder: Encoder, queries: Sequence[Encoding], targets: Sequence[Encoding]) -> FloatArray:
+    distances = np.ones((len(queries), len(targets)))
     for number, weight in enumerate(encoder.settings.stream_weights):
         stored = _unit_rows([t.vectors[number] for t in targets])
-        straight -= weight * (_unit_rows([q.vectors[number] for q in queries]) @ stored.T)
-        if flipped is not None:
-            mirrored = _unit_rows([q.mirrored.vectors[number] for q in queries if q.mirrored is not None])
-            flipped -= weight * (mirrored @ stored.T)
-    if flipped is None:
-        return MirroredDistances(np.maximum(straight, 0.0))
-    if others is None:
-        # Equal but for rounding: mirroring both views changes nothing.
-        flipped = (flipped + flipped.T) / 2
-    return MirroredDistances(np.maximum(straight, 0.0), np.maximum(flipped, 0.0))
+        distances -= weight * (_unit_rows([q.vectors[number] for q in queries]) @ stored.T)
+    return np.maximum(distances, 0.0)
 
 
 def _unit_rows(grids: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:

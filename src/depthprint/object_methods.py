@@ -16,12 +16,15 @@ from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.range_image import RangeImage
 
-__all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods"]
+__all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods", "table_methods"]
 
 Progress = Callable[[int, int], None]
 
 # Every nearest-neighbour method, ours or not, has its distances scaled by those to the 10th neighbour.
 LOCAL_SCALING = 10
+
+# Asked for by name only: compressors that say no more than the others do.
+NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd")
 
 
 def _nearest(name: str, encoder: Encoder, kind: str) -> ObjectMethod:
@@ -97,6 +100,11 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "ncd-lzma": _compression,
     "ncd-zstd": _compression,
 }
+
+
+def table_methods() -> list[str]:
+    """The rows of the paper's second table, and what they are best compared with: all that one run measures."""
+    return [name for name in OBJECT_METHODS if name not in NOT_IN_TABLE]
 
 
 def make_object_method(name: str, preset: str = "object", model: Encoder | None = None) -> ObjectMethod:

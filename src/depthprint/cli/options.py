@@ -17,15 +17,19 @@ __all__ = [
     "Every",
     "Frames",
     "Gap",
+    "Hidden",
     "Methods",
     "Model",
     "OutFile",
     "OutFolder",
     "Poses",
     "Preset",
+    "Quick",
     "Seed",
     "Sensor",
     "Sequence",
+    "Trials",
+    "Views",
     "parse_frames",
     "parse_methods",
 ]
@@ -85,6 +89,32 @@ OutFile = Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="File 
 Methods = Annotated[str, typer.Option("--methods", metavar="A,B,C", help="Methods, separated by commas.")]
 Frames = Annotated[
     str | None, typer.Option("--frames", metavar="1,4,7", help="Only these views of each turn of an object.")
+]
+Views = Annotated[
+    int,
+    typer.Option("--views", min=1, metavar="N", help="Views a query: consecutive ones of a turn, summed."),
+]
+Hidden = Annotated[
+    float,
+    typer.Option(
+        "--hidden",
+        min=0.0,
+        max=0.9,
+        metavar="SHARE",
+        help="Hide this share of each query behind a half-plane.",
+    ),
+]
+Trials = Annotated[
+    int,
+    typer.Option(
+        "--trials",
+        min=0,
+        metavar="N",
+        help="Random trials of the category protocol; 0 tests every object once.",
+    ),
+]
+Quick = Annotated[
+    bool, typer.Option("--quick", help="Every fourth category, one view a turn: minutes, not results.")
 ]
 Against = Annotated[
     Path,

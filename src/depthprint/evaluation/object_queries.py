@@ -38,7 +38,7 @@ def turn_queries(views: Sequence[ObjectView], test: IndexArray, n_views: int) ->
                 f"{instance}, video {video}: expected {n_views} views or more in each turn, "
                 f"got {len(positions)}"
             )
-        turn = np.array(sorted(positions, key=lambda p: views[test[p]].frame))
+        turn = np.array(sorted(positions, key=lambda p: views[int(test[p])].frame))
         for start in range(len(turn)):
             queries[turn[start]] = turn[(start + np.arange(n_views)) % len(turn)]
     return queries

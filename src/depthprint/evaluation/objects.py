@@ -281,7 +281,7 @@ def _predict(
         raise DataError(
             f"method {method.name!r}: expected {len(test)} known labels, got shape {predicted.shape}"
         )
-    return predicted.astype(np.int64)
+    return np.asarray(predicted, dtype=np.int64)
 
 
 def _numbers(values: Sequence[str], names: Sequence[str]) -> IndexArray:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from depthprint.runs.classify import NearClass, run_classify
 from depthprint.runs.demo import run_demo
 from depthprint.runs.encode import EncodedSequence, run_encode
-from depthprint.runs.evaluate import run_evaluate_loops, run_evaluate_objects
+from depthprint.runs.evaluate import run_evaluate_loops
+from depthprint.runs.evaluate_objects import ObjectQueries, run_evaluate_objects
 from depthprint.runs.explain import ExplainedStream, Explanation, run_explain
 from depthprint.runs.found_loops import FoundLoops
 from depthprint.runs.info import describe_file, describe_installation
@@ -23,6 +24,7 @@ __all__ = [
     "Explanation",
     "FoundLoops",
     "NearClass",
+    "ObjectQueries",
     "ProgressCallback",
     "RunSummary",
     "SimulatedRecording",
