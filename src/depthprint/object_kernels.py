@@ -12,28 +12,39 @@ from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.object_distances import MirroredDistances
 
-__all__ = ["DistanceFeatures", "code_features"]
+__all__ = ["DistanceFeatures", "code_features", "code_vectors", "mirrored_encodings", "unit_rows"]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 
-def code_features(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
-    """Unit vectors (n, d) whose products are the kernel of the pooled codes, each stream with its weight.
+def code_vectors(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
+    """Unit vectors (n, d) of the pooled codes of all streams, each with its weight."""
+    return np.concatenate(
+        [
+            np.sqrt(weight).astype(np.float32)
+            * unit_rows(np.stack([e.vectors[number].reshape(-1) for e in encodings]))
+            for number, weight in enumerate(encoder.settings.stream_weights)
+        ],
+        axis=1,
+    )
 
-    Where the preset mirrors, the codes of a view and of its mirror image are added: the features of both are the same
-    but for the places of the cells, and a kernel of sums over both is positive semi-definite.
+
+def mirrored_encodings(encodings: Sequence[Encoding]) -> list[Encoding]:
+    """Encodings of the mirrored views; empty where the preset does not mirror."""
+    return [e.mirrored for e in encodings if e.mirrored is not None]
+
+
+def code_features(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
+    """Unit vectors (n, d) whose products are the kernel of the pooled codes.
+
+    Where the preset mirrors, the codes of a view and of its mirror image are added: a kernel of such sums is positive
+    semi-definite, and all but the same for a view and its mirror image.
     """
-    columns = []
-    for number, weight in enumerate(encoder.settings.stream_weights):
-        rows = np.stack(
-            [
-                e.vectors[number] if e.mirrored is None else e.vectors[number] + e.mirrored.vectors[number]
-                for e in encodings
-            ]
-        ).reshape(len(encodings), -1)
-        columns.append(np.sqrt(weight) * _unit_rows(rows))
-    return _unit_rows(np.concatenate(columns, axis=1))
+    vectors = code_vectors(encoder, encodings)
+    if encoder.settings.mirror:
+        vectors += code_vectors(encoder, mirrored_encodings(encodings))
+    return unit_rows(vectors)
 
 
 class DistanceFeatures:
@@ -65,8 +76,9 @@ class DistanceFeatures:
 
     def of(self, queries: MirroredDistances) -> Float32Array:
         """Features (m, r) from distances (m, n_landmarks)."""
-        return _unit_rows(queries.gaussian_kernel(self.scale) @ self.basis)
+        return unit_rows(queries.gaussian_kernel(self.scale) @ self.basis)
 
 
-def _unit_rows(rows: npt.NDArray[np.floating]) -> Float32Array:
+def unit_rows(rows: npt.NDArray[np.floating]) -> Float32Array:
+    """Each row scaled to length 1."""
     return np.asarray(rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9), dtype=np.float32)

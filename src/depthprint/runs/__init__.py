@@ -16,6 +16,7 @@ from depthprint.runs.source import DataSource
 from depthprint.runs.stages import ProgressCallback, RunSummary, Stages, silent
 from depthprint.runs.threshold import background_threshold
 from depthprint.runs.train import TrainedModel, run_train
+from depthprint.runs.train_objects import TrainedObjects, run_recognise, run_train_objects
 
 __all__ = [
     "DataSource",
@@ -30,6 +31,7 @@ __all__ = [
     "SimulatedRecording",
     "Stages",
     "TrainedModel",
+    "TrainedObjects",
     "background_threshold",
     "describe_file",
     "describe_installation",
@@ -40,7 +42,9 @@ __all__ = [
     "run_evaluate_objects",
     "run_explain",
     "run_loops",
+    "run_recognise",
     "run_simulate",
     "run_train",
+    "run_train_objects",
     "silent",
 ]

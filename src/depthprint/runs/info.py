@@ -8,6 +8,7 @@ from typing import Any
 from depthprint.encoder_file import FORMAT
 from depthprint.errors import ModelError
 from depthprint.io.archive import read_header
+from depthprint.recogniser_file import FORMAT as RECOGNISER_FORMAT
 from depthprint.runs.encode import SIGNATURES_FORMAT
 
 __all__ = ["describe_file", "describe_installation"]
@@ -39,6 +40,8 @@ def describe_file(path: Path) -> dict[str, str]:
         return {"signatures": str(path), **facts}
     if header["format"] == FORMAT:
         return _describe_model(path)
+    if header["format"] == RECOGNISER_FORMAT:
+        return _describe_recogniser(path)
     return _describe_dictionary(path)
 
 
@@ -55,6 +58,18 @@ def _describe_model(path: Path) -> dict[str, str]:
             + f"{stream.n_nonzero} by {stream.pursuit}, clusters '{stream.clusters}', weight {stream.weight:g}"
         )
     return facts
+
+
+def _describe_recogniser(path: Path) -> dict[str, str]:
+    from depthprint.trained_recogniser import TrainedRecogniser
+
+    recogniser = TrainedRecogniser.load(path)
+    return {
+        "recogniser": str(path),
+        "preset": recogniser.encoder.settings.name,
+        "classes": ", ".join(recogniser.labels),
+        "views": str(len(recogniser.view_labels)),
+    }
 
 
 def _describe_dictionary(path: Path) -> dict[str, str]:
