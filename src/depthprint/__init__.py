@@ -78,6 +78,7 @@ __all__ = [
     "Projection",
     "RangeImage",
     "RangeSequence",
+    "Recognition",
     "SettingsError",
     "Signature",
     "SignatureBatch",
@@ -85,6 +86,7 @@ __all__ = [
     "SparseModel",
     "Spherical",
     "StreamDistance",
+    "TrainedRecogniser",
     "__version__",
     "difference_matrix",
     "learn_dictionary",
@@ -124,6 +126,7 @@ _HOMES = {
     "depthprint.signature": ("GroundDistance", "Signature", "SignatureBatch"),
     "depthprint.signature_index": ("SignatureIndex", "StreamDistance"),
     "depthprint.sparse_coding": ("SparseModel", "sparse_code"),
+    "depthprint.trained_recogniser": ("Recognition", "TrainedRecogniser"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -11,6 +11,12 @@ from depthprint.encoded_methods import EncodedMethod, EncodedNearest, EncodedRec
 from depthprint.encoder import Encoder
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
+from depthprint.object_ablations import (
+    UncodedEncoder,
+    random_patch_encoder,
+    without_mirror,
+    without_root,
+)
 from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
@@ -52,14 +58,20 @@ def _no_emd(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
-    settings = encoder.settings.model_copy(update={"mirror": False})
-    return EncodedRecogniser(name, ObjectComparisons(Encoder(settings, encoder.streams)))
+    return EncodedRecogniser(name, ObjectComparisons(without_mirror(encoder)))
 
 
 def _no_root(name: str, encoder: Encoder) -> ObjectMethod:
-    streams = tuple(s.model_copy(update={"root": False}) for s in encoder.settings.streams)
-    settings = encoder.settings.model_copy(update={"streams": streams})
-    return EncodedRecogniser(name, ObjectComparisons(Encoder(settings, encoder.streams)))
+    return EncodedRecogniser(name, ObjectComparisons(without_root(encoder)))
+
+
+def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(random_patch_encoder(encoder)))
+
+
+def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:
+    uncoded = UncodedEncoder(encoder.settings, encoder.streams)
+    return EncodedRecogniser(name, ObjectComparisons(uncoded), with_complexities=False)
 
 
 def _relaxed(name: str, encoder: Encoder) -> ObjectMethod:
@@ -89,6 +101,8 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
     "no-emd": _no_emd,
+    "no-coding": _no_coding,
+    "random-patches": _random_patches,
     "no-mirror": _no_mirror,
     "no-root": _no_root,
     "relaxed": _relaxed,
