@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from depthprint.signature import GroundDistance, Signature, SignatureBatch
     from depthprint.signature_index import SignatureIndex, StreamDistance
     from depthprint.sparse_coding import SparseModel, sparse_code
+    from depthprint.trained_recogniser import Recognition, TrainedRecogniser
 
 __all__ = [
     "ConvergenceError",

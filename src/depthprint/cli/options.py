@@ -10,7 +10,6 @@ import typer
 from depthprint.errors import SettingsError
 
 __all__ = [
-    "Against",
     "CarsRedrawn",
     "Data",
     "Dataset",
@@ -115,12 +114,6 @@ Trials = Annotated[
 ]
 Quick = Annotated[
     bool, typer.Option("--quick", help="Every fourth category, one view a turn: minutes, not results.")
-]
-Against = Annotated[
-    Path,
-    typer.Option(
-        "--against", metavar="FOLDER", help="One sub-folder of depth images per class, or the UW layout."
-    ),
 ]
 
 
