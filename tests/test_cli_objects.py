@@ -83,7 +83,7 @@ def test_queries_of_several_views_hidden_parts_and_trials(objects, tmp_path):
     assert np.mean([f["category_accuracy_mean"] for f in content["methods"].values()]) > 0.5
 
 
-def test_quick_takes_few_views_and_published_trials_are_found(objects, tmp_path):
+def test_published_trials_are_found_beside_the_views(objects, tmp_path):
     trials = objects / "testinstance_ids.txt"
     trials.write_text("*** trial 1 ***\nbottle_1\nplate_2\n")
     try:
