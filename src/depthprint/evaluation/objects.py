@@ -119,7 +119,9 @@ class MethodObjects:
 
     @property
     def category_accuracy_std(self) -> float:
-        """Sample standard deviation over folds."""
+        """Sample standard deviation over folds; NaN for a single one."""
+        if len(self.fold_accuracies) < 2:
+            return float("nan")
         return float(np.std(self.fold_accuracies, ddof=1))
 
 
