@@ -8,7 +8,6 @@ from typing import Any
 from depthprint.encoder_file import FORMAT
 from depthprint.errors import ModelError
 from depthprint.io.archive import read_header
-from depthprint.recogniser_file import FORMAT as RECOGNISER_FORMAT
 from depthprint.runs.encode import SIGNATURES_FORMAT
 
 __all__ = ["describe_file", "describe_installation"]
@@ -40,6 +39,8 @@ def describe_file(path: Path) -> dict[str, str]:
         return {"signatures": str(path), **facts}
     if header["format"] == FORMAT:
         return _describe_model(path)
+    from depthprint.recogniser_file import FORMAT as RECOGNISER_FORMAT
+
     if header["format"] == RECOGNISER_FORMAT:
         return _describe_recogniser(path)
     return _describe_dictionary(path)
