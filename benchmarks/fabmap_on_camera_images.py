@@ -23,8 +23,17 @@ from depthprint.baselines.fabmap.belief import FabMap
 from depthprint.baselines.fabmap.model import train_fabmap
 from depthprint.baselines.fabmap.posterior import log_odds_against
 from depthprint.baselines.fabmap.settings import FabMapSettings
+from depthprint.errors import DataError
 from depthprint.evaluation.ground_truth import POSITIVE, TruthMatrix, read_loop_matrix
 from depthprint.evaluation.metrics import QueryOutcomes, bootstrap_intervals, loop_metrics
+
+
+def read_picture(path: Path) -> npt.NDArray[np.uint8]:
+    """Grey image (h, w) uint8; DataError naming a file that is none."""
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise DataError(f"{path}: expected an image, got a file that cannot be decoded")
+    return np.asarray(picture, dtype=np.uint8)
 
 
 def frames_of(text: str, n: int) -> npt.NDArray[np.int64]:
@@ -59,7 +68,7 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     paths = sorted(p for p in options.images.iterdir() if p.suffix.lower() in (".jpg", ".png", ".pgm"))
-    pictures = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
+    pictures = [read_picture(path) for path in paths]
     settings = FabMapSettings(**options.settings)
     started = time.process_time()
     train = frames_of(options.train, len(paths))[:: options.every]

@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.object_methods import PrecomputedDistanceMethod
-from depthprint.evaluation.objects import (
+from depthprint.evaluation.object_queries import hide_part, turn_queries
+from depthprint.evaluation.object_splits import (
     category_folds,
-    evaluate_objects,
     instance_split,
-    paired_difference,
+    named_trials,
+    random_trials,
     select_views,
 )
+from depthprint.evaluation.objects import ObjectProtocol, evaluate_objects, paired_difference
 from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
@@ -189,3 +191,117 @@ def test_method_must_give_good_distances():
 def test_methods_must_have_different_names():
     with pytest.raises(SettingsError, match="names"):
         evaluate_objects(object_set({"a": 2}), [by_depth(), by_depth()])
+
+
+def test_queries_of_several_views_follow_the_turn_and_wrap():
+    views = views_of({"a": 2}, videos=(1, 2), frames=(1, 2, 3, 4))
+    test = np.arange(len(views))[::-1].copy()
+    queries = turn_queries(views, test, 3)
+    for position, members in enumerate(queries):
+        first = views[test[position]]
+        chosen = [views[test[m]] for m in members]
+        assert {(v.instance, v.video) for v in chosen} == {(first.instance, first.video)}
+        assert [v.frame for v in chosen] == [(first.frame - 1 + k) % 4 + 1 for k in range(3)]
+    with pytest.raises(DataError, match="a_2, video 2: expected 5 views"):
+        turn_queries(views, test, 5)
+
+
+def test_three_views_outvote_a_bad_one():
+    objects = object_set(dict.fromkeys("ab", 2), frames=(1, 2, 3))
+
+    def matrix(d, progress=None):
+        distances = np.abs(d[:, None] - d)
+        bad = np.array([v.frame == 2 for v in objects.views])
+        distances[bad] = 30 - distances[bad]
+        return np.abs(np.minimum(distances, 30))
+
+    def accuracy(n_views):
+        method = PrecomputedDistanceMethod(matrix, "m", depths)
+        protocol = ObjectProtocol(views_per_query=n_views)
+        return evaluate_objects(objects, [method], protocol=protocol).methods[0].category_accuracy_mean
+
+    assert accuracy(1) == pytest.approx(2 / 3)
+    assert accuracy(3) == 1.0
+
+
+def test_method_that_grades_no_labels_cannot_sum_views():
+    class Mute:
+        name, us_per_pair = "mute", float("nan")
+
+        def prepare(self, images, progress=None):
+            return None
+
+        def predict(self, train, train_labels, test):
+            return np.full(len(test), train_labels.min())
+
+    with pytest.raises(SettingsError, match="mute: grades no labels"):
+        evaluate_objects(object_set({"a": 2, "b": 2}), [Mute()], protocol=ObjectProtocol(views_per_query=2))
+
+
+def disc() -> RangeImage:
+    y, x = np.mgrid[:60, :80]
+    mask = np.hypot(x - 40, y - 30) < 20
+    camera = Pinhole(500.0, 500.0, 40.0, 30.0, 80, 60)
+    return RangeImage(np.where(mask, 1.0, 1.2).astype(np.float32), camera, mask=mask)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.floats(0, 0.9), st.integers(0, 100))
+def test_a_half_plane_hides_its_share_and_the_crop_follows(share, seed):
+    whole = disc()
+    hidden = hide_part(whole, share, np.random.default_rng(seed))
+    assert hidden.mask.sum() == round(whole.mask.sum() * (1 - share))
+    rows, columns = np.nonzero(hidden.mask)
+    assert min(rows.min(), columns.min()) <= 2
+    assert (hidden.ranges_m[hidden.mask] == 1.0).all()
+    assert np.isnan(hidden.ranges_m).sum() <= whole.mask.sum() - hidden.mask.sum()
+    # Pixels keep their place on the camera's image.
+    points = hidden.points()[hidden.mask]
+    known = whole.points()[whole.mask]
+    assert {tuple(p) for p in points.round(5)} <= {tuple(p) for p in known.round(5)}
+
+
+def test_only_queries_are_hidden():
+    seen = []
+
+    class Watcher(PrecomputedDistanceMethod):
+        def predict(self, train, train_labels, test):
+            seen.append((train.max(), test.min()))
+            return super().predict(train, train_labels, test)
+
+    base = object_set({"a": 2, "b": 2})
+    whole = disc()
+    objects = ObjectSet("made", base.views, lambda view: whole, ELEVATIONS)
+    watcher = Watcher(lambda d, progress: np.abs(d[:, None] - d), "w", lambda i, p: np.arange(len(i)) * 1.0)
+    evaluation = evaluate_objects(objects, [watcher], protocol=ObjectProtocol(hidden=0.4))
+    assert all(train < len(base.views) <= test for train, test in seen)
+    assert "40% of each query hidden" in evaluation.protocol.words
+
+
+def test_random_trials_leave_out_one_object_of_each_category():
+    views = views_of({"a": 3, "b": 4})
+    trials = random_trials(views, 10, 0)
+    assert len(trials) == 10
+    assert len({tuple(test) for _, test in trials}) > 1
+    for train, test in trials:
+        assert sorted({views[k].category for k in test}) == ["a", "b"]
+        assert len({views[k].instance for k in test}) == 2
+        assert {views[k].instance for k in test}.isdisjoint(views[k].instance for k in train)
+
+
+def test_published_trials_are_followed_and_untested_objects_do_not_count():
+    objects = object_set({"a": 3, "b": 3})
+    protocol = ObjectProtocol(left_out=(("a_1", "b_2"), ("a_1", "b_3")))
+    evaluation = evaluate_objects(objects, [by_depth()], protocol=protocol)
+    method = evaluation.methods[0]
+    tested = dict(zip(evaluation.objects, np.isfinite(method.object_accuracies), strict=True))
+    assert tested == {"a_1": True, "a_2": False, "a_3": False, "b_1": False, "b_2": True, "b_3": True}
+    assert len(method.fold_accuracies) == 2
+    assert evaluation.confusion(method).sum() == sum(
+        v.instance in ("a_1", "b_2", "b_3") for v in objects.views
+    )
+    assert "2 published trials" in object_report(evaluation, {})["protocol"]
+    header, rows = object_rows(evaluation)
+    assert {row[1] for row in rows if row[header.index("depth")] is None} == {"a_2", "a_3", "b_1"}
+    with pytest.raises(DataError, match="trial 1"):
+        named_trials(objects.views, [("nobody",)])

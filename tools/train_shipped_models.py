@@ -16,11 +16,11 @@ from depthprint.datasets.base import RangeSequence
 from depthprint.datasets.simulated_street import simulated_street
 from depthprint.encoder import Encoder
 from depthprint.range_image import RangeImage
+from depthprint.simulation.training import object_crops
 
 MODELS = Path(__file__).parents[1] / "src" / "depthprint" / "models"
 TOWNS = (11, 12, 13)
 ROOMS = 21
-OBJECTS = 31
 
 
 def spread(sequence: RangeSequence, count: int) -> list[RangeImage]:
@@ -39,15 +39,6 @@ def room_frames(count: int) -> list[RangeImage]:
     from depthprint.simulation.rooms import simulated_rooms
 
     return spread(simulated_rooms(n_frames=2 * count, seed=ROOMS), count)
-
-
-def object_crops(count: int) -> list[RangeImage]:
-    """Masked crops of simulated objects."""
-    from depthprint.simulation.objects import simulated_objects
-
-    objects = simulated_objects(n_categories=30, n_instances=3, frames=3, seed=OBJECTS)
-    chosen = np.random.default_rng(OBJECTS).permutation(len(objects.views))[:count]
-    return [objects.read(objects.views[i]) for i in np.sort(chosen)]
 
 
 TRAINING = {

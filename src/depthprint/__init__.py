@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from depthprint.signature import GroundDistance, Signature, SignatureBatch
     from depthprint.signature_index import SignatureIndex, StreamDistance
     from depthprint.sparse_coding import SparseModel, sparse_code
+    from depthprint.trained_recogniser import Recognition, TrainedRecogniser
     from depthprint.verification import GeometricVerifier, Verification, make_depth_view
     from depthprint.verified_recognizer import VerifiedRecognizer
 
@@ -87,6 +88,7 @@ __all__ = [
     "Projection",
     "RangeImage",
     "RangeSequence",
+    "Recognition",
     "SettingsError",
     "Signature",
     "SignatureBatch",
@@ -94,6 +96,7 @@ __all__ = [
     "SparseModel",
     "Spherical",
     "StreamDistance",
+    "TrainedRecogniser",
     "Verification",
     "VerifiedRecognizer",
     "__version__",
@@ -143,6 +146,7 @@ _HOMES = {
     "depthprint.sparse_coding": ("SparseModel", "sparse_code"),
     "depthprint.verification": ("GeometricVerifier", "Verification", "make_depth_view"),
     "depthprint.verified_recognizer": ("VerifiedRecognizer",),
+    "depthprint.trained_recogniser": ("Recognition", "TrainedRecogniser"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ __all__ = [
     "FORMAT",
     "FORMAT_VERSION",
     "load_model",
+    "model_of_parts",
+    "model_parts",
     "pack_atoms",
     "save_model",
     "shipped_model_path",
@@ -43,9 +45,22 @@ def save_model(settings: EncoderSettings, streams: Sequence[StreamModel], path: 
     """Write settings and what was learned; .npz is added to a path without it."""
     if path.suffix != ".npz":
         path = path.with_name(path.name + ".npz")
+    header, arrays = model_parts(settings, streams)
+    write_archive(path, {"format": FORMAT, "version": FORMAT_VERSION, **header}, arrays)
+    return path
+
+
+def load_model(path: Path) -> tuple[EncoderSettings, tuple[StreamModel, ...]]:
+    """Read what ``save_model`` wrote; anything else raises ModelError naming the file and what is wrong."""
+    header, arrays = read_archive(path, "depthprint model", FORMAT, FORMAT_VERSION)
+    return model_of_parts(header, arrays, path)
+
+
+def model_parts(
+    settings: EncoderSettings, streams: Sequence[StreamModel]
+) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """What a file holds of an encoder: entries of its header, and arrays."""
     header = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
         "settings": settings.model_dump(mode="json"),
         "fingerprint": model_fingerprint(settings, streams),
         "dictionaries": [
@@ -57,13 +72,13 @@ def save_model(settings: EncoderSettings, streams: Sequence[StreamModel], path: 
     for number, stream in enumerate(streams):
         arrays[f"atoms_{number}"] = pack_atoms(stream.dictionary.atoms)
         arrays[f"basis_{number}"] = stream.basis.astype(np.float32)
-    write_archive(path, header, arrays)
-    return path
+    return header, arrays
 
 
-def load_model(path: Path) -> tuple[EncoderSettings, tuple[StreamModel, ...]]:
-    """Read what ``save_model`` wrote; anything else raises ModelError naming the file and what is wrong."""
-    header, arrays = read_archive(path, "depthprint model", FORMAT, FORMAT_VERSION)
+def model_of_parts(
+    header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], path: Path
+) -> tuple[EncoderSettings, tuple[StreamModel, ...]]:
+    """The encoder that ``model_parts`` took apart; ModelError naming the file where something does not fit."""
     try:
         settings = EncoderSettings.parse(header["settings"])
         streams = tuple(

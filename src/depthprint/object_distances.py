@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,14 +15,40 @@ from depthprint.range_image import RangeImage
 from depthprint.signature import Signature, SignatureBatch
 
 __all__ = [
+    "MirroredDistances",
+    "compare_codes",
+    "compare_complexities",
     "complexity_distances",
     "compression_distances",
     "cosine_distances",
     "pixel_distances",
+    "relaxed_distances",
 ]
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class MirroredDistances:
+    """Distances of views to views, (n, m) read-only, and of mirrored views to views where the preset mirrors."""
+
+    straight: FloatArray
+    mirrored: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.straight, self.mirrored):
+            if array is not None:
+                array.setflags(write=False)
+
+    def nearer(self) -> FloatArray:
+        """The smaller distance, to a view or to its mirror image."""
+        return self.straight if self.mirrored is None else np.minimum(self.straight, self.mirrored)
+
+    def gaussian_kernel(self, scale: float) -> FloatArray:
+        """exp(-d^2 / scale), of a view and of its mirror image added up."""
+        kernel = np.exp(-(self.straight**2) / scale)
+        return kernel if self.mirrored is None else kernel + np.exp(-(self.mirrored**2) / scale)
 
 
 def complexity_distances(
@@ -31,25 +58,38 @@ def complexity_distances(
 
     Where the preset mirrors views, the smaller of the distances to a view and to its mirror image.
     """
+    return compare_complexities(encoder, queries, others).nearer()
+
+
+def compare_complexities(
+    encoder: Encoder,
+    queries: Sequence[Encoding],
+    others: Sequence[Encoding] | None = None,
+    progress: Progress | None = None,
+) -> MirroredDistances:
+    """Normalised information distances to views and to their mirror images, (n, m) or symmetric (n, n)."""
+    targets = queries if others is None else others
     straight = _stream_sum(
-        encoder,
-        [q.signatures for q in queries],
-        None if others is None else [o.signatures for o in others],
+        encoder, _signatures(queries), None if others is None else _signatures(targets), progress
     )
     if not encoder.settings.mirror:
-        return straight
-    targets = queries if others is None else others
-    mirrored = [q.mirrored.signatures for q in queries if q.mirrored is not None]
-    flipped = _stream_sum(encoder, mirrored, [t.signatures for t in targets])
+        return MirroredDistances(straight)
+    mirrored = _signatures([q.mirrored for q in queries if q.mirrored is not None])
+    flipped = _stream_sum(encoder, mirrored, _signatures(targets), progress)
     if others is None:
         flipped = np.minimum(flipped, flipped.T)
-    return np.minimum(straight, flipped)
+    return MirroredDistances(straight, flipped)
+
+
+def _signatures(encodings: Sequence[Encoding]) -> list[tuple[Signature, ...]]:
+    return [encoding.signatures for encoding in encodings]
 
 
 def _stream_sum(
     encoder: Encoder,
     queries: Sequence[Sequence[Signature]],
     others: Sequence[Sequence[Signature]] | None,
+    progress: Progress | None,
 ) -> FloatArray:
     from depthprint.emd import difference_matrix
     from depthprint.encoding import ground_distance
@@ -66,25 +106,55 @@ def _stream_sum(
             ground=ground_distance(stream, encoder.settings),
             form=stream.form,
             shifts=None if shifts is None else shifts[number],
+            progress=progress,
         )
         total = total + encoder.settings.stream_weights[number] * matrix
     return np.asarray(total, dtype=np.float64)
 
 
+def relaxed_distances(
+    encoder: Encoder, encodings: Sequence[Encoding], progress: Progress | None = None
+) -> FloatArray:
+    """Lower bounds (n, n) of the distances that ``complexity_distances`` gives: those that the search prunes by."""
+    index = encoder.make_index()
+    for encoding in encodings:
+        index.add(encoding.signatures)
+    rows = np.empty((len(encodings), len(encodings)))
+    for number, encoding in enumerate(encodings):
+        rows[number] = index.distances(encoding.signatures, relaxed=True)
+        if encoding.mirrored is not None:
+            np.minimum(
+                rows[number], index.distances(encoding.mirrored.signatures, relaxed=True), out=rows[number]
+            )
+        if progress is not None:
+            progress(number + 1, len(encodings))
+    return np.minimum(rows, rows.T)
+
+
 def cosine_distances(encoder: Encoder, queries: Sequence[Encoding]) -> FloatArray:
     """One minus the weighted mean cosine of the streams' pooled codes; the nearer of a view and its mirror image."""
-    weights = encoder.settings.stream_weights
-    total = np.zeros((len(queries), len(queries)))
-    flipped = np.zeros_like(total)
-    for number, weight in enumerate(weights):
-        straight = _unit_rows([q.vectors[number] for q in queries])
-        total += weight * (straight @ straight.T)
-        if encoder.settings.mirror:
-            mirrored = _unit_rows([q.mirrored.vectors[number] for q in queries if q.mirrored is not None])
-            flipped += weight * (mirrored @ straight.T)
-    if encoder.settings.mirror:
-        total = np.maximum(total, np.maximum(flipped, flipped.T))
-    return np.maximum(1.0 - total, 0.0)
+    return compare_codes(encoder, queries).nearer()
+
+
+def compare_codes(
+    encoder: Encoder, queries: Sequence[Encoding], others: Sequence[Encoding] | None = None
+) -> MirroredDistances:
+    """One minus the weighted mean cosine of the streams' pooled codes, (n, m) or symmetric (n, n)."""
+    targets = queries if others is None else others
+    straight = _code_distances(encoder, queries, targets)
+    if not encoder.settings.mirror:
+        return MirroredDistances(straight)
+    flipped = _code_distances(encoder, [q.mirrored for q in queries if q.mirrored is not None], targets)
+    # Among the views themselves equal but for rounding: mirroring both changes nothing.
+    return MirroredDistances(straight, (flipped + flipped.T) / 2 if others is None else flipped)
+
+
+def _code_distances(encoder: Encoder, queries: Sequence[Encoding], targets: Sequence[Encoding]) -> FloatArray:
+    distances = np.ones((len(queries), len(targets)))
+    for number, weight in enumerate(encoder.settings.stream_weights):
+        stored = _unit_rows([t.vectors[number] for t in targets])
+        distances -= weight * (_unit_rows([q.vectors[number] for q in queries]) @ stored.T)
+    return np.maximum(distances, 0.0)
 
 
 def _unit_rows(grids: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.encoded_methods import EncodedMethod, EncodedNearest, EncodedRecogniser, EncodedSVM
 from depthprint.encoder import Encoder
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
-from depthprint.object_distances import (
-    complexity_distances,
-    compression_distances,
-    cosine_distances,
-    pixel_distances,
+from depthprint.object_ablations import (
+    UncodedEncoder,
+    random_patch_encoder,
+    without_mirror,
+    without_root,
 )
+from depthprint.object_comparisons import ObjectComparisons
+from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.range_image import RangeImage
 
-__all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method"]
+__all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods", "table_methods"]
 
 Progress = Callable[[int, int], None]
 
@@ -33,28 +35,57 @@ KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
 
+# Asked for by name only: compressors that say no more than the others do.
+NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd")
 
-def _coded(
-    name: str, encoder: Encoder, distances: Callable[[Encoder, Any], npt.NDArray[np.float64]]
-) -> ObjectMethod:
-    return PrecomputedDistanceMethod(
-        lambda encodings, _: distances(encoder, encodings),
-        name,
-        describe_fn=encoder.describe_many,
-        local_scaling=LOCAL_SCALING,
-    )
+
+def _nearest(name: str, encoder: Encoder, kind: str) -> ObjectMethod:
+    return EncodedNearest(name, ObjectComparisons(encoder), kind, LOCAL_SCALING)
 
 
 def _emd(name: str, encoder: Encoder) -> ObjectMethod:
-    return _coded(name, encoder, complexity_distances)
+    return _nearest(name, encoder, "complexities")
 
 
 def _emd_literal(name: str, encoder: Encoder) -> ObjectMethod:
-    return _coded(name, load_shipped_encoder("literal"), complexity_distances)
+    return _nearest(name, load_shipped_encoder("literal"), "complexities")
+
+
+def _emd_svm(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedSVM(name, ObjectComparisons(encoder))
+
+
+def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(encoder))
+
+
+def _no_emd(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(encoder), with_complexities=False)
+
+
+def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(without_mirror(encoder)))
+
+
+def _no_root(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(without_root(encoder)))
+
+
+def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
+    return EncodedRecogniser(name, ObjectComparisons(random_patch_encoder(encoder)))
+
+
+def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:
+    uncoded = UncodedEncoder(encoder.settings, encoder.streams)
+    return EncodedRecogniser(name, ObjectComparisons(uncoded), with_complexities=False)
+
+
+def _relaxed(name: str, encoder: Encoder) -> ObjectMethod:
+    return _nearest(name, encoder, "relaxed")
 
 
 def _cosine(name: str, encoder: Encoder) -> ObjectMethod:
-    return _coded(name, encoder, cosine_distances)
+    return _nearest(name, encoder, "codes")
 
 
 def _pixel_l2(name: str, encoder: Encoder) -> ObjectMethod:
@@ -98,8 +129,16 @@ def _sparse_pyramid(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
+    "recogniser": _recogniser,
     "emd": _emd,
+    "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
+    "no-emd": _no_emd,
+    "no-coding": _no_coding,
+    "random-patches": _random_patches,
+    "no-mirror": _no_mirror,
+    "no-root": _no_root,
+    "relaxed": _relaxed,
     "cosine": _cosine,
     "pixel-l2": _pixel_l2,
     "ncd-gzip": _compression,
@@ -122,6 +161,11 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
 }
 
 
+def table_methods() -> list[str]:
+    """The rows of the paper's second table, and what they are best compared with: all that one run measures."""
+    return [name for name in OBJECT_METHODS if name not in NOT_IN_TABLE]
+
+
 def make_object_method(name: str, preset: str = "object", model: Encoder | None = None) -> ObjectMethod:
     """Build a method by its registry name; ``model`` replaces the encoder that ships for ``preset``.
 
@@ -132,3 +176,19 @@ def make_object_method(name: str, preset: str = "object", model: Encoder | None 
     if model is not None and not model.fitted:
         raise ModelError(f"model {model.settings.name!r}: not fitted")
     return OBJECT_METHODS[name](name, load_shipped_encoder(preset) if model is None else model)
+
+
+def make_object_methods(
+    names: Sequence[str], preset: str = "object", model: Encoder | None = None
+) -> list[ObjectMethod]:
+    """Build several methods; those that use one encoder compare views once, and share what came out.
+
+    Raises as ``make_object_method`` does.
+    """
+    methods = [make_object_method(name, preset, model) for name in names]
+    shared: dict[int, ObjectComparisons] = {}
+    for method in methods:
+        if isinstance(method, EncodedMethod):
+            own = method.comparisons
+            method.comparisons = shared.setdefault(id(own.encoder), own)
+    return methods

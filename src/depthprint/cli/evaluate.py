@@ -64,19 +64,34 @@ def loops(
 def objects(
     root: Annotated[Path, typer.Argument(metavar="ROOT", help="Object views in the UW RGB-D layout.")],
     out: o.OutFolder,
-    methods: o.Methods = "emd,pixel-l2",
+    methods: Annotated[
+        str,
+        typer.Option("--methods", metavar="A,B,C", help="Methods, separated by commas; all of the table's."),
+    ] = "",
     frames: o.Frames = None,
+    every: o.Every = 1,
+    views: o.Views = 1,
+    hidden: o.Hidden = 0.0,
+    trials: o.Trials = 0,
+    quick: o.Quick = False,
     preset: o.Preset = None,
     model: o.Model = None,
     seed: o.Seed = 0,
 ) -> None:
-    """Score methods on the categories and instances of objects."""
-    from depthprint.runs import run_evaluate_objects
+    """Score methods on the categories and instances of objects; without --methods, the whole table."""
+    from depthprint.runs import ObjectQueries, run_evaluate_objects
 
-    names = o.parse_methods(methods)
+    names = o.parse_methods(methods) if methods else None
     numbers = o.parse_frames(frames)
     with progress_bars() as stages:
         run = run_evaluate_objects(
-            root, out, methods=names, frames=numbers, preset=preset, model=model, seed=seed, stages=stages
+            root,
+            out,
+            methods=names,
+            queries=ObjectQueries(numbers, every, views, hidden, trials, quick),
+            preset=preset,
+            model=model,
+            seed=seed,
+            stages=stages,
         )
     print_run(run)

@@ -9,7 +9,18 @@ import typer
 from typer.core import TyperGroup
 
 from depthprint._version import __version__
-from depthprint.cli import classify, demo, encode, evaluate, explain, info, loops, simulate, train
+from depthprint.cli import (
+    classify,
+    demo,
+    encode,
+    evaluate,
+    explain,
+    info,
+    loops,
+    simulate,
+    train,
+    train_objects,
+)
 from depthprint.cli import map as map_verbs
 from depthprint.errors import DepthprintError
 
@@ -65,6 +76,7 @@ app.command("demo")(demo.demo)
 app.command("loops")(loops.loops)
 app.command("classify")(classify.classify)
 app.command("train")(train.train)
+app.command("train-objects")(train_objects.train_objects)
 app.command("encode")(encode.encode)
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(map_verbs.app, name="map")

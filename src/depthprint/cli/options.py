@@ -10,13 +10,13 @@ import typer
 from depthprint.errors import SettingsError
 
 __all__ = [
-    "Against",
     "CarsRedrawn",
     "Data",
     "Dataset",
     "Every",
     "Frames",
     "Gap",
+    "Hidden",
     "Imports",
     "Methods",
     "Model",
@@ -24,9 +24,12 @@ __all__ = [
     "OutFolder",
     "Poses",
     "Preset",
+    "Quick",
     "Seed",
     "Sensor",
     "Sequence",
+    "Trials",
+    "Views",
     "VocabularyFrom",
     "parse_frames",
     "parse_imports",
@@ -106,11 +109,31 @@ VocabularyFrom = Annotated[
 Frames = Annotated[
     str | None, typer.Option("--frames", metavar="1,4,7", help="Only these views of each turn of an object.")
 ]
-Against = Annotated[
-    Path,
+Views = Annotated[
+    int,
+    typer.Option("--views", min=1, metavar="N", help="Views a query: consecutive ones of a turn, summed."),
+]
+Hidden = Annotated[
+    float,
     typer.Option(
-        "--against", metavar="FOLDER", help="One sub-folder of depth images per class, or the UW layout."
+        "--hidden",
+        min=0.0,
+        max=0.9,
+        metavar="SHARE",
+        help="Hide this share of each query behind a half-plane.",
     ),
+]
+Trials = Annotated[
+    int,
+    typer.Option(
+        "--trials",
+        min=0,
+        metavar="N",
+        help="Random trials of the category protocol; 0 tests every object once.",
+    ),
+]
+Quick = Annotated[
+    bool, typer.Option("--quick", help="Every fourth category, one view a turn: minutes, not results.")
 ]
 
 

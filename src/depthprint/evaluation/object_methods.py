@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,14 @@ import numpy.typing as npt
 from depthprint.errors import DataError
 from depthprint.range_image import RangeImage
 
-__all__ = ["ObjectMethod", "PrecomputedDistanceMethod"]
+if TYPE_CHECKING:
+    from depthprint.classification import NearestComplexityClassifier
+
+__all__ = ["NeighbourMethod", "ObjectMethod", "PrecomputedDistanceMethod", "ScoringMethod"]
 
 Progress = Callable[[int, int], None]
 IndexArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
 
 
 class ObjectMethod(Protocol):
@@ -32,6 +36,24 @@ class ObjectMethod(Protocol):
 
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
         """Label the views ``test`` from the views ``train`` and their labels; numbers index ``images``."""
+
+
+@runtime_checkable
+class ScoringMethod(Protocol):
+    """An ``ObjectMethod`` that also grades every label, so that several views of one object can be summed."""
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Scores (n_test, n_labels), larger is better, and the labels (n_labels,) of their columns."""
+
+
+@runtime_checkable
+class NeighbourMethod(Protocol):
+    """An ``ObjectMethod`` that can also say which stored views decided."""
+
+    def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:
+        """Numbers (n_test, k) of the nearest training views, nearest first."""
 
 
 class PrecomputedDistanceMethod:
@@ -85,9 +107,28 @@ class PrecomputedDistanceMethod:
 
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
         """Label of the nearest training view, for each test view."""
+        classifier = self._fitted(train, train_labels)
+        return np.asarray(classifier.predict(self.distances[np.ix_(test, train)]))
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Negated distance to the nearest training view of each label."""
+        from depthprint.classification import class_distances
+
+        classifier = self._fitted(train, train_labels)
+        nearest = class_distances(classifier, self.distances[np.ix_(test, train)])
+        return -nearest, np.asarray(classifier.classes_)
+
+    def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:
+        """Numbers (n_test, k) of the nearest training views, nearest first."""
+        classifier = self._fitted(train, np.zeros(len(train), dtype=np.int64))
+        _, nearest = classifier.kneighbors(self.distances[np.ix_(test, train)], k)
+        return train[nearest]
+
+    def _fitted(self, train: IndexArray, train_labels: IndexArray) -> NearestComplexityClassifier:
         from depthprint.classification import NearestComplexityClassifier
 
         classifier = NearestComplexityClassifier(local_scaling=self._local_scaling)
         among_training = self.distances[np.ix_(train, train)] if self._local_scaling else None
-        classifier.fit(among_training, train_labels)
-        return np.asarray(classifier.predict(self.distances[np.ix_(test, train)]))
+        return classifier.fit(among_training, train_labels)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,23 +12,27 @@ import numpy.typing as npt
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.metrics import Interval
-from depthprint.evaluation.object_methods import ObjectMethod
+from depthprint.evaluation.object_methods import ObjectMethod, ScoringMethod
+from depthprint.evaluation.object_queries import hide_part, turn_queries
+from depthprint.evaluation.object_splits import (
+    category_folds,
+    instance_split,
+    named_trials,
+    random_trials,
+    select_views,
+)
 
 __all__ = [
     "OBJECT_PROTOCOL",
     "MethodObjects",
     "ObjectEvaluation",
+    "ObjectProtocol",
     "PairedDifference",
-    "category_folds",
     "evaluate_objects",
-    "instance_split",
     "paired_difference",
-    "select_views",
 ]
 
 OBJECT_PROTOCOL = "objects: category, one of each left out; instance, 30 and 60 deg against 45 deg"
-TRAIN_ELEVATIONS_DEG = (30, 60)
-TEST_ELEVATION_DEG = 45
 NOISE_LIMIT = 2.5
 
 Progress = Callable[[int, int], None]
@@ -51,10 +56,46 @@ class PairedDifference:
 
 
 @dataclass(frozen=True)
+class ObjectProtocol:
+    """What a query is, and how objects are left out.
+
+    views_per_query: consecutive views of a turn whose scores are summed, one query beginning at each view.
+    hidden: share of each query's object that a random half-plane hides, cropped anew around the rest.
+    trials: 0 tests every object once; else so many random trials (10 in the literature, 20 in the paper).
+    left_out: instances left out in each trial, as published for a set; goes before ``trials``.
+    """
+
+    views_per_query: int = 1
+    hidden: float = 0.0
+    trials: int = 0
+    left_out: tuple[tuple[str, ...], ...] = ()
+
+    def splits(self, views: Sequence[ObjectView], seed: int) -> list[tuple[IndexArray, IndexArray]]:
+        """Train and test view numbers of each fold or trial of the category protocol."""
+        if self.left_out:
+            return named_trials(views, self.left_out)
+        return random_trials(views, self.trials, seed) if self.trials else category_folds(views, seed)
+
+    @property
+    def words(self) -> str:
+        """The protocol's name for reports."""
+        left_out = "one of each left out"
+        if self.left_out:
+            left_out = f"{len(self.left_out)} published trials"
+        elif self.trials:
+            left_out = f"{self.trials} random trials"
+        words = OBJECT_PROTOCOL.replace("one of each left out", left_out)
+        if self.views_per_query > 1:
+            words += f"; queries of {self.views_per_query} views"
+        return words + (f"; {self.hidden:.0%} of each query hidden" if self.hidden else "")
+
+
+@dataclass(frozen=True)
 class MethodObjects:
     """What one method did.
 
-    category_predictions: (n,) int64 number of the predicted category of each view.
+    category_predictions: (n,) int64 number of the predicted category of each view, the last where it was tested
+        several times; -1 where it was not.
     fold_accuracies: accuracy of each fold, over views, averaged by category.
     object_accuracies: share of each object's views put in its category, in the order of
     ``ObjectEvaluation.objects``.
@@ -78,7 +119,9 @@ class MethodObjects:
 
     @property
     def category_accuracy_std(self) -> float:
-        """Sample standard deviation over folds."""
+        """Sample standard deviation over folds; NaN for a single one."""
+        if len(self.fold_accuracies) < 2:
+            return float("nan")
         return float(np.std(self.fold_accuracies, ddof=1))
 
 
@@ -90,6 +133,7 @@ class ObjectEvaluation:
     simulated: bool
     seed: int
     frames: tuple[int, ...] | None
+    protocol: ObjectProtocol
     views: tuple[ObjectView, ...]
     categories: tuple[str, ...]
     objects: tuple[str, ...]
@@ -102,60 +146,12 @@ class ObjectEvaluation:
         """(c, c) number of views by true (row) and predicted (column) category."""
         c = len(self.categories)
         truth = _numbers([v.category for v in self.views], self.categories)
+        tested = method.category_predictions >= 0
         return (
-            np.bincount(truth * c + method.category_predictions, minlength=c * c)
+            np.bincount((truth * c + method.category_predictions)[tested], minlength=c * c)
             .reshape(c, c)
             .astype(np.int64)
         )
-
-
-def select_views(objects: ObjectSet, frames: Sequence[int] | None = None) -> tuple[ObjectView, ...]:
-    """Views of every turn with a frame number among ``frames`` (None: all); DataError for unknown numbers."""
-    if frames is None:
-        return tuple(objects.views)
-    missing = sorted(set(frames) - {v.frame for v in objects.views})
-    if missing or not frames:
-        raise DataError(f"{objects.name}: expected frame numbers that the set has, got {missing or 'none'}")
-    wanted = set(frames)
-    return tuple(v for v in objects.views if v.frame in wanted)
-
-
-def category_folds(views: Sequence[ObjectView], seed: int) -> list[tuple[IndexArray, IndexArray]]:
-    """Split views into folds that leave one object of each category out, each object in exactly one.
-
-    Returns (train, test) view numbers a fold, as many folds as the largest category has objects; the order
-    within each category is drawn by ``seed``. A smaller category is not tested in the last folds.
-    Raises DataError for a category of one object, which could never be learned.
-    """
-    by_category: dict[str, list[str]] = {}
-    for category, instance in sorted({(v.category, v.instance) for v in views}):
-        by_category.setdefault(category, []).append(instance)
-    alone = [category for category, instances in by_category.items() if len(instances) < 2]
-    if alone or not by_category:
-        raise DataError(
-            f"category protocol: expected two objects or more in each category, not so: {alone or 'no views'}"
-        )
-    generator = np.random.default_rng(seed)
-    order = {
-        c: [instances[k] for k in generator.permutation(len(instances))]
-        for c, instances in by_category.items()
-    }
-    folds = []
-    for fold in range(max(len(instances) for instances in order.values())):
-        left_out = {(c, instances[fold]) for c, instances in order.items() if fold < len(instances)}
-        tested = np.array([(v.category, v.instance) in left_out for v in views])
-        folds.append((np.flatnonzero(~tested).astype(np.int64), np.flatnonzero(tested).astype(np.int64)))
-    return folds
-
-
-def instance_split(
-    views: Sequence[ObjectView], elevation_deg: Mapping[int, float]
-) -> tuple[IndexArray, IndexArray]:
-    """View numbers to train on (30 and 60 deg, videos 1 and 4) and to test on (45 deg, video 2)."""
-    elevations = np.array([elevation_deg.get(v.video, np.nan) for v in views])
-    train = np.flatnonzero(np.isin(elevations, TRAIN_ELEVATIONS_DEG)).astype(np.int64)
-    test = np.flatnonzero(elevations == TEST_ELEVATION_DEG).astype(np.int64)
-    return train, test
 
 
 def paired_difference(first: str, second: str, a: FloatArray, b: FloatArray) -> PairedDifference:
@@ -176,19 +172,26 @@ def evaluate_objects(
     *,
     seed: int = 0,
     frames: Sequence[int] | None = None,
+    protocol: ObjectProtocol = ObjectProtocol(),
     progress: Progress | None = None,
 ) -> ObjectEvaluation:
-    """Run every method through the category folds and the instance split.
+    """Run every method through the category splits and the instance split.
 
     ``frames`` takes those views of each turn only. All views are read once and given to each method's
     ``prepare``; ``progress`` counts the methods' own work one method after the other. Instance accuracy is
     over all tested views, NaN where the set has no views at the elevations needed.
-    Raises DataError for sets that the protocol cannot be run on, or labels of a wrong kind from a method.
+    Raises DataError for sets that the protocol cannot be run on, or labels of a wrong kind from a method;
+    SettingsError for methods of one name, and for queries of several views to a method without ``scores``.
     """
     if not methods or len({m.name for m in methods}) != len(methods):
         raise SettingsError("evaluate_objects: expected methods with different names, at least one")
+    mute = [m.name for m in methods if not isinstance(m, ScoringMethod)]
+    if protocol.views_per_query > 1 and mute:
+        raise SettingsError(
+            f"{mute[0]}: grades no labels, so queries of {protocol.views_per_query} views cannot be summed"
+        )
     views = select_views(objects, frames)
-    folds = category_folds(views, seed)
+    folds = protocol.splits(views, seed)
     train, test = instance_split(views, objects.elevation_deg)
     categories = tuple(sorted({v.category for v in views}))
     names = tuple(sorted({v.instance for v in views}))
@@ -198,21 +201,29 @@ def evaluate_objects(
     if len(train) and unseen:
         raise DataError(f"{objects.name}: object {names[min(unseen)]} is tested but has no view to train on")
     images = [objects.read(view) for view in views]
+    if protocol.hidden:
+        images += [
+            hide_part(image, protocol.hidden, np.random.default_rng([seed, number]))
+            for number, image in enumerate(images)
+        ]
     results = []
     for method in methods:
         method.prepare(images, progress)
         predicted = np.full(len(views), -1, dtype=np.int64)
+        times, hits = np.zeros(len(views)), np.zeros(len(views))
         fold_accuracies = []
         for fold_train, fold_test in folds:
-            predicted[fold_test] = _predict(method, fold_train, category_of, fold_test)
+            predicted[fold_test] = _predict(method, fold_train, category_of, fold_test, views, protocol)
             correct = predicted[fold_test] == category_of[fold_test]
+            times[fold_test] += 1
+            hits[fold_test] += correct
             fold_accuracies.append(
                 float(np.nanmean(_mean_by(correct, category_of[fold_test], len(categories))))
             )
         right = np.full(0, False)
         if len(train) and len(test):
-            right = _predict(method, train, instance_of, test) == instance_of[test]
-        by_object = _mean_by(predicted == category_of, instance_of, len(names))
+            right = _predict(method, train, instance_of, test, views, protocol) == instance_of[test]
+        by_object = _mean_by(hits, instance_of, len(names), times)
         by_instance = _mean_by(right, instance_of[test[: len(right)]], len(names))
         results.append(
             MethodObjects(
@@ -235,6 +246,7 @@ def evaluate_objects(
         simulated=objects.simulated,
         seed=seed,
         frames=None if frames is None else tuple(frames),
+        protocol=protocol,
         views=views,
         categories=categories,
         objects=names,
@@ -251,13 +263,27 @@ def evaluate_objects(
     )
 
 
-def _predict(method: ObjectMethod, train: IndexArray, labels: IndexArray, test: IndexArray) -> IndexArray:
-    predicted = np.asarray(method.predict(train, labels[train], test))
+def _predict(
+    method: ObjectMethod,
+    train: IndexArray,
+    labels: IndexArray,
+    test: IndexArray,
+    views: Sequence[ObjectView],
+    protocol: ObjectProtocol,
+) -> IndexArray:
+    # Images of partly hidden objects follow the whole ones.
+    queries = test + len(views) if protocol.hidden else test
+    if protocol.views_per_query > 1 and isinstance(method, ScoringMethod):
+        scores, columns = method.scores(train, labels[train], queries)
+        together = turn_queries(views, test, protocol.views_per_query)
+        predicted = np.asarray(columns)[scores[together].sum(axis=1).argmax(axis=1)]
+    else:
+        predicted = np.asarray(method.predict(train, labels[train], queries))
     if predicted.shape != test.shape or not np.isin(predicted, labels).all():
         raise DataError(
             f"method {method.name!r}: expected {len(test)} known labels, got shape {predicted.shape}"
         )
-    return predicted.astype(np.int64)
+    return np.asarray(predicted, dtype=np.int64)
 
 
 def _numbers(values: Sequence[str], names: Sequence[str]) -> IndexArray:
@@ -265,9 +291,12 @@ def _numbers(values: Sequence[str], names: Sequence[str]) -> IndexArray:
     return np.array([number[value] for value in values], dtype=np.int64)
 
 
-def _mean_by(values: npt.NDArray[np.bool_], groups: IndexArray, n_groups: int) -> FloatArray:
+def _mean_by(
+    values: npt.NDArray[Any], groups: IndexArray, n_groups: int, counts: FloatArray | None = None
+) -> FloatArray:
+    """Sum of ``values`` by group over the sum of ``counts`` (1 each when None); NaN for groups without."""
     total = np.bincount(groups, weights=values.astype(np.float64), minlength=n_groups)
-    count = np.bincount(groups, minlength=n_groups)
+    count = np.bincount(groups, weights=counts, minlength=n_groups)
     return np.asarray(np.divide(total, count, out=np.full(n_groups, np.nan), where=count > 0))
 
 

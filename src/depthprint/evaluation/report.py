@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from depthprint.errors import DataError
 from depthprint.evaluation.loops import LOOP_PROTOCOL, LoopEvaluation, MethodLoops
 from depthprint.evaluation.metrics import LoopMetrics
-from depthprint.evaluation.objects import OBJECT_PROTOCOL, ObjectEvaluation
+from depthprint.evaluation.objects import ObjectEvaluation
 from depthprint.evaluation.pairs import PAIR_PROTOCOL, PairEvaluation
 from depthprint.run_folder import versions
 
@@ -97,7 +97,9 @@ def object_report(evaluation: ObjectEvaluation, settings: Mapping[str, Any]) -> 
         "instance_tests": evaluation.n_instance_tests,
     }
     settings = {**settings, "frames": evaluation.frames}
-    report = _report(OBJECT_PROTOCOL, evaluation, counts, settings, methods, "folder names of the objects")
+    report = _report(
+        evaluation.protocol.words, evaluation, counts, settings, methods, "folder names of the objects"
+    )
     for name, differences in (
         ("category_differences", evaluation.category_differences),
         ("instance_differences", evaluation.instance_differences),
@@ -123,10 +125,14 @@ def object_rows(evaluation: ObjectEvaluation) -> tuple[list[str], list[list[Any]
     header = ["category", "instance", "video", "frame", *(m.name for m in evaluation.methods)]
     rows = [
         [v.category, v.instance, v.video, v.frame]
-        + [evaluation.categories[int(m.category_predictions[k])] for m in evaluation.methods]
+        + [_category(evaluation, int(m.category_predictions[k])) for m in evaluation.methods]
         for k, v in enumerate(evaluation.views)
     ]
     return header, rows
+
+
+def _category(evaluation: ObjectEvaluation, number: int) -> str | None:
+    return evaluation.categories[number] if number >= 0 else None
 
 
 def metric_rows(report: Report) -> tuple[list[str], list[list[Any]]]:

@@ -14,7 +14,7 @@ from depthprint.runs.models import choose_model
 from depthprint.runs.source import DataSource, spread
 from depthprint.runs.stages import RunSummary, Stages, silent
 
-__all__ = ["run_evaluate_loops", "run_evaluate_objects"]
+__all__ = ["best_in_words", "run_evaluate_loops"]
 
 _MOST_TRAINING_FRAMES = 200
 
@@ -87,67 +87,7 @@ def run_evaluate_loops(
     return RunSummary(
         folder=out,
         figures=tuple(out / "figures" / path.name for path in drawn),
-        sentence=_best(results, "average_precision", "average precision", sequence.name),
-        results=results,
-        table=results_table(results),
-    )
-
-
-def run_evaluate_objects(
-    root: Path,
-    out: Path,
-    *,
-    methods: Sequence[str],
-    frames: Sequence[int] | None = None,
-    preset: str | None = None,
-    model: Path | None = None,
-    seed: int = 0,
-    stages: Stages = silent,
-) -> RunSummary:
-    """Score methods on the categories and instances of a set of objects in the UW RGB-D layout.
-
-    ``frames`` takes those views of each turn only. Raises DataError, SettingsError as its parts do.
-    """
-    from depthprint.datasets.registry import open_objects
-    from depthprint.evaluation.objects import evaluate_objects
-    from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
-    from depthprint.object_methods import make_object_method
-    from depthprint.run_folder import RunFolder
-    from depthprint.visualization.confusion_matrix import draw_confusion_matrix
-
-    objects = open_objects(root)
-    name, encoder = choose_model(model, preset, "object")
-    prepared = [make_object_method(method, name, encoder) for method in methods]
-    settings = {
-        "data": {"path": str(root)},
-        "methods": list(methods),
-        "preset": name,
-        "model": None if model is None else str(model),
-        "frames": None if frames is None else list(frames),
-    }
-    with RunFolder(out, settings, seed=seed) as run:
-        evaluation = evaluate_objects(
-            objects, prepared, seed=seed, frames=frames, progress=stages("describe and compare")
-        )
-        results = object_report(evaluation, settings)
-        run.write_json("results.json", results)
-        run.write_csv("metrics.csv", *metric_rows(results))
-        run.write_csv("predictions.csv", *object_rows(evaluation))
-        drawn = [
-            draw_confusion_matrix(
-                evaluation.confusion(method),
-                evaluation.categories,
-                run.figure(f"confusion-{method.name}"),
-                method=method.name,
-                data=objects.name,
-                simulated=objects.simulated,
-            )
-            for method in evaluation.methods
-        ]
-    return RunSummary(
-        folder=out,
-        figures=tuple(out / "figures" / path.name for path in drawn),
-        sentence=_best(results, "category_accuracy_mean", "category accuracy", objects.name),
+        sentence=best_in_words(results, "average_precision", "average precision", sequence.name),
         results=results,
         table=results_table(results),
     )
@@ -167,7 +107,8 @@ def _training_frames(path: Path) -> list[RangeImage]:
     return [sequence[index] for index in spread(len(sequence), _MOST_TRAINING_FRAMES)]
 
 
-def _best(results: dict[str, Any], metric: str, words: str, data: str) -> str:
+def best_in_words(results: dict[str, Any], metric: str, words: str, data: str) -> str:
+    """One sentence: which method has the highest figure."""
     scored = {
         name: figures[metric]
         for name, figures in results["methods"].items()

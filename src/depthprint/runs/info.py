@@ -39,6 +39,10 @@ def describe_file(path: Path) -> dict[str, str]:
         return {"signatures": str(path), **facts}
     if header["format"] == FORMAT:
         return _describe_model(path)
+    from depthprint.recogniser_file import FORMAT as RECOGNISER_FORMAT
+
+    if header["format"] == RECOGNISER_FORMAT:
+        return _describe_recogniser(path)
     return _describe_dictionary(path)
 
 
@@ -55,6 +59,18 @@ def _describe_model(path: Path) -> dict[str, str]:
             + f"{stream.n_nonzero} by {stream.pursuit}, clusters '{stream.clusters}', weight {stream.weight:g}"
         )
     return facts
+
+
+def _describe_recogniser(path: Path) -> dict[str, str]:
+    from depthprint.trained_recogniser import TrainedRecogniser
+
+    recogniser = TrainedRecogniser.load(path)
+    return {
+        "recogniser": str(path),
+        "preset": recogniser.encoder.settings.name,
+        "classes": ", ".join(recogniser.labels),
+        "views": str(len(recogniser.view_labels)),
+    }
 
 
 def _describe_dictionary(path: Path) -> dict[str, str]:

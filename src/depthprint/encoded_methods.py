@@ -1,0 +1,169 @@
+"""Our object methods for the protocols: nearest by information distance, its kernel machine, and the recogniser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.classification import NearestComplexityClassifier, class_distances
+from depthprint.errors import DataError
+from depthprint.object_comparisons import ObjectComparisons
+from depthprint.object_distances import MirroredDistances
+from depthprint.object_kernels import DistanceFeatures
+from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.range_image import RangeImage
+
+__all__ = ["EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
+
+Progress = Callable[[int, int], None]
+IndexArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+# More landmarks than this make the eigenvectors dearer than the distances.
+MAX_LANDMARKS = 1500
+_SVM_COST = 10.0
+_ROWS_PER_CALL = 256
+
+
+class EncodedMethod:
+    """A method over what ``comparisons`` holds; methods may share one, and each kind is then computed once."""
+
+    def __init__(self, name: str, comparisons: ObjectComparisons, kinds: Sequence[str]) -> None:
+        self.name = name
+        self.comparisons = comparisons
+        self.us_per_pair = float("nan")
+        self._kinds = tuple(kinds)
+
+    def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:
+        """Encode the views and compare them all."""
+        self.comparisons.prepare(images, progress)
+        for kind in self._kinds:
+            getattr(self.comparisons, kind)()
+        seconds = sum(self.comparisons.seconds[kind] for kind in self._kinds)
+        self.us_per_pair = seconds * 1e6 / max(1, len(images) * (len(images) - 1) // 2)
+
+    def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
+        """Label of the highest score, for each test view."""
+        scores, labels = self.scores(train, train_labels, test)
+        return np.asarray(labels[scores.argmax(axis=1)])
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Scores (n_test, n_labels), larger is better, and the labels of their columns."""
+        raise NotImplementedError
+
+
+class EncodedNearest(EncodedMethod):
+    """Nearest stored view, distances scaled locally."""
+
+    def __init__(
+        self,
+        name: str,
+        comparisons: ObjectComparisons,
+        kind: str,
+        local_scaling: int,
+    ) -> None:
+        super().__init__(name, comparisons, [kind])
+        self._local_scaling = local_scaling
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Negated distance to the nearest training view of each label."""
+        distances = self._distances()
+        classifier = NearestComplexityClassifier(local_scaling=self._local_scaling)
+        classifier.fit(distances[np.ix_(train, train)], train_labels)
+        return -class_distances(classifier, distances[np.ix_(test, train)]), classifier.classes_
+
+    def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:
+        """Numbers (n_test, k) of the nearest training views, nearest first."""
+        distances = self._distances()
+        classifier = NearestComplexityClassifier(local_scaling=self._local_scaling)
+        classifier.fit(distances[np.ix_(train, train)], np.zeros(len(train), dtype=np.int64))
+        return train[classifier.kneighbors(distances[np.ix_(test, train)], k)[1]]
+
+    def _distances(self) -> FloatArray:
+        found = getattr(self.comparisons, self._kinds[0])()
+        return found.nearer() if isinstance(found, MirroredDistances) else found
+
+
+class EncodedSVM(EncodedMethod):
+    """Support vector machine, one against one, on the kernel of the information distance.
+
+    Scores are votes, and between equal votes the sum of margins: they add up over views.
+    """
+
+    def __init__(self, name: str, comparisons: ObjectComparisons) -> None:
+        super().__init__(name, comparisons, ["complexities"])
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Votes of the pairwise machines, with their margins as fractions of a vote."""
+        from sklearn.svm import SVC
+
+        learned, asked = distance_features(self.comparisons.complexities(), train, test)
+        machine = SVC(C=_SVM_COST, kernel="precomputed", decision_function_shape="ovr")
+        machine.fit(learned @ learned.T, train_labels)
+        kernel = asked @ learned.T
+        parts = [
+            machine.decision_function(kernel[start : start + _ROWS_PER_CALL])
+            for start in range(0, len(kernel), _ROWS_PER_CALL)
+        ]
+        scores = np.concatenate(parts)
+        if scores.ndim == 1:
+            scores = np.stack([-scores, scores], axis=1)
+        return scores, machine.classes_
+
+
+class EncodedRecogniser(EncodedMethod):
+    """The recogniser that ships: discriminants over pooled codes and information distance, and nearest views.
+
+    ``with_complexities`` False leaves the information distance out: what it adds.
+    """
+
+    def __init__(self, name: str, comparisons: ObjectComparisons, *, with_complexities: bool = True) -> None:
+        kinds = ["code_kernel", "codes"] + (["complexities"] if with_complexities else [])
+        super().__init__(name, comparisons, kinds)
+        self._with_complexities = with_complexities
+
+    def scores(
+        self, train: IndexArray, train_labels: IndexArray, test: IndexArray
+    ) -> tuple[FloatArray, IndexArray]:
+        """Scores of the fused recogniser."""
+        if not len(train) or not len(test):
+            raise DataError(f"method {self.name!r}: expected views to train on and to test, got none")
+        codes = self.comparisons.code_kernel()
+        cosine = self.comparisons.codes().nearer()
+        kernels: list[npt.NDArray[Any]] = [codes[np.ix_(rows, train)] for rows in (train, test)]
+        distances = [[cosine[np.ix_(rows, train)]] for rows in (train, test)]
+        if self._with_complexities:
+            complexities = self.comparisons.complexities()
+            learned, asked = distance_features(complexities, train, test)
+            nearer = complexities.nearer()
+            for part, rows, features in ((0, train, learned), (1, test, asked)):
+                kernels[part] = (kernels[part] + features @ learned.T) / 2
+                distances[part].append(nearer[np.ix_(rows, train)])
+        recogniser = FusedRecogniser().fit(ViewComparison(kernels[0], tuple(distances[0])), train_labels)
+        return recogniser.scores(ViewComparison(kernels[1], tuple(distances[1]))), recogniser.labels
+
+
+def distance_features(
+    distances: MirroredDistances, train: IndexArray, test: IndexArray
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Features of the kernel of the distances, of training and test views; only training views are landmarks."""
+    chosen = train
+    if len(train) > MAX_LANDMARKS:
+        chosen = train[np.linspace(0, len(train) - 1, MAX_LANDMARKS).astype(np.int64)]
+
+    def block(rows: IndexArray) -> MirroredDistances:
+        mirrored = distances.mirrored
+        grid = np.ix_(rows, chosen)
+        return MirroredDistances(distances.straight[grid], None if mirrored is None else mirrored[grid])
+
+    features = DistanceFeatures(block(chosen))
+    return features.of(block(train)), features.of(block(test))

@@ -1,0 +1,89 @@
+"""Views of objects described and compared once, for all methods that use one encoder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.encoder import Encoder
+from depthprint.encoding import Encoding
+from depthprint.errors import DataError
+from depthprint.object_distances import (
+    MirroredDistances,
+    compare_codes,
+    compare_complexities,
+    relaxed_distances,
+)
+from depthprint.object_kernels import code_features
+from depthprint.range_image import RangeImage
+
+__all__ = ["ObjectComparisons"]
+
+Progress = Callable[[int, int], None]
+T = TypeVar("T")
+
+
+class ObjectComparisons:
+    """Encodings of views, and each kind of comparison of them all, computed when first asked for.
+
+    ``seconds`` tells how long each kind took. Another sequence of images forgets everything.
+    """
+
+    def __init__(self, encoder: Encoder) -> None:
+        self.encoder = encoder
+        self.seconds: dict[str, float] = {}
+        self._images: Sequence[RangeImage] | None = None
+        self._encodings: list[Encoding] = []
+        self._done: dict[str, object] = {}
+        self._progress: Progress | None = None
+
+    def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:
+        """Encode the views; nothing happens for those that were given last."""
+        self._progress = progress
+        if images is self._images:
+            return
+        self._encodings = self.encoder.describe_many(images, progress)
+        self._images = images
+        self._done.clear()
+        self.seconds.clear()
+
+    @property
+    def encodings(self) -> Sequence[Encoding]:
+        """Encodings of all views; DataError before ``prepare``."""
+        if self._images is None:
+            raise DataError("ObjectComparisons: expected prepare() to be called first")
+        return self._encodings
+
+    def complexities(self) -> MirroredDistances:
+        """Normalised information distances of all pairs."""
+        return self._once(
+            "complexities",
+            lambda: compare_complexities(self.encoder, self.encodings, progress=self._progress),
+        )
+
+    def relaxed(self) -> npt.NDArray[np.float64]:
+        """Lower bounds of the information distances of all pairs."""
+        return self._once("relaxed", lambda: relaxed_distances(self.encoder, self.encodings, self._progress))
+
+    def codes(self) -> MirroredDistances:
+        """Cosine distances of the pooled codes of all pairs."""
+        return self._once("codes", lambda: compare_codes(self.encoder, self.encodings))
+
+    def features(self) -> npt.NDArray[np.float32]:
+        """Features (n, d) of the kernel of the pooled codes."""
+        return self._once("features", lambda: code_features(self.encoder, self.encodings))
+
+    def code_kernel(self) -> npt.NDArray[np.float32]:
+        """Kernel (n, n) of the pooled codes."""
+        return self._once("code_kernel", lambda: self.features() @ self.features().T)
+
+    def _once(self, kind: str, compute: Callable[[], T]) -> T:
+        if kind not in self._done:
+            started = time.perf_counter()
+            self._done[kind] = compute()
+            self.seconds[kind] = time.perf_counter() - started
+        return self._done[kind]  # type: ignore[return-value]

@@ -1,0 +1,94 @@
+"""The file of a trained recogniser: its encoder and what it keeps of the views, in one .npz without pickle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.encoder import Encoder
+from depthprint.encoder_file import model_of_parts, model_parts
+from depthprint.encoding import Encoding
+from depthprint.errors import DepthprintError, ModelError
+from depthprint.io.archive import DAMAGED, read_archive, write_archive
+from depthprint.object_kernels import DistanceFeatures
+from depthprint.recogniser_calibration import Calibration
+from depthprint.signature import SignatureBatch
+from depthprint.stored_views import StoredViews, ViewFeatures
+
+if TYPE_CHECKING:
+    from depthprint.trained_recogniser import TrainedRecogniser
+
+__all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
+
+FORMAT = "depthprint recogniser"
+FORMAT_VERSION = 1
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
+    """Write a recogniser; .npz is added to a path without it."""
+    if path.suffix != ".npz":
+        path = path.with_name(path.name + ".npz")
+    encoder, stored = recogniser.encoder, recogniser.stored
+    model, arrays = model_parts(encoder.settings, encoder.streams)
+    header = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "model": model,
+        "labels": list(recogniser.view_labels),
+        "sources": list(recogniser.sources),
+        "temperature": recogniser.calibration.temperature,
+        "novelty": recogniser.calibration.novelty,
+        "distance_scale": stored.distance_features.scale,
+    }
+    arrays["directions"] = stored.directions.astype(np.float16)
+    arrays["landmark_basis"] = stored.distance_features.basis
+    for kind in ("straight", "mirrored", "landmark"):
+        arrays[kind] = getattr(stored.views, kind)
+    for number in range(len(encoder.settings.streams)):
+        batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])
+        arrays |= {
+            f"weights_{number}": batch.weights,
+            f"points_{number}": batch.points,
+            f"counts_{number}": batch.counts,
+        }
+    write_archive(path, header, arrays)
+    return path
+
+
+def load_recogniser(path: Path) -> TrainedRecogniser:
+    """Read what ``save_recogniser`` wrote; anything else raises ModelError naming the file and what is wrong."""
+    from depthprint.trained_recogniser import TrainedRecogniser
+
+    header, arrays = read_archive(path, "recogniser (of 'depthprint train-objects')", FORMAT, FORMAT_VERSION)
+    try:
+        encoder = Encoder(*model_of_parts(header["model"], arrays, path))
+        stored = StoredViews(
+            directions=arrays["directions"].astype(np.float32),
+            landmarks=_landmarks(encoder, arrays),
+            distance_features=DistanceFeatures.restored(
+                float(header["distance_scale"]), arrays["landmark_basis"]
+            ),
+            views=ViewFeatures(arrays["straight"], arrays["mirrored"], arrays["landmark"]),
+        )
+        novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
+        calibration = Calibration(float(header["temperature"]), novelty)
+        return TrainedRecogniser(encoder, stored, header["labels"], header["sources"], calibration)
+    except ModelError:
+        raise
+    except (*DAMAGED, DepthprintError) as error:
+        raise ModelError(f"{path}: expected a whole recogniser file, got {error}") from error
+
+
+def _landmarks(encoder: Encoder, arrays: Arrays) -> tuple[Encoding, ...]:
+    batches = [
+        SignatureBatch(
+            arrays[f"weights_{n}"], arrays[f"points_{n}"], arrays[f"counts_{n}"], encoder.fingerprint
+        )
+        for n in range(len(encoder.settings.streams))
+    ]
+    return tuple(Encoding(tuple(batch[k] for batch in batches), ()) for k in range(len(batches[0])))

@@ -1,0 +1,153 @@
+"""A recogniser of a user's own objects or kinds of places: learned from labelled views, saved, asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.encoder import Encoder
+from depthprint.errors import DataError
+from depthprint.object_recogniser import FusedRecogniser
+from depthprint.range_image import RangeImage
+from depthprint.recogniser_calibration import Calibration, calibrate
+from depthprint.stored_views import StoredViews, ViewFeatures, store_views
+
+__all__ = ["Recognition", "TrainedRecogniser"]
+
+Progress = Callable[[int, int], None]
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """What a query was recognised as.
+
+    label: the most probable class, or None where none of the known ones is more probable than not.
+    confidence: probability of ``label``, or of none of the classes where it is None.
+    classes: every class with its probability, most probable first; with ``none_probability`` they add up to 1.
+    nearest: name of the stored view nearest to the query.
+    """
+
+    label: str | None
+    confidence: float
+    classes: tuple[tuple[str, float], ...]
+    none_probability: float
+    nearest: str
+
+
+class TrainedRecogniser:
+    """Name the class of one view, or of several views of one object, with a confidence, or none of the classes.
+
+    The fused recogniser over short vectors: the leading directions of the pooled codes, and the information distance
+    to a few landmarks, so that a query solves few EMDs whatever was stored.
+    """
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        stored: StoredViews,
+        labels: Sequence[str],
+        sources: Sequence[str],
+        calibration: Calibration,
+    ) -> None:
+        self.encoder = encoder
+        self.stored = stored
+        self.view_labels = tuple(labels)
+        self.sources = tuple(sources)
+        self.calibration = calibration
+        self._fused = FusedRecogniser().fit(stored.views.compared_with(stored.views), np.asarray(labels))
+
+    @classmethod
+    def fit(
+        cls,
+        encoder: Encoder,
+        images: Sequence[RangeImage],
+        labels: Sequence[str],
+        *,
+        groups: Sequence[str] | None = None,
+        sources: Sequence[str] | None = None,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> TrainedRecogniser:
+        """Learn from views (n) and the class of each.
+
+        groups: which object each view shows, None: each view its own; confidence is learned on objects left out.
+        sources: names of the views, by which the nearest one is told. Raises DataError for lists of unequal length or
+        fewer than two classes, and as the encoder does.
+        """
+        names = [image.source or str(k) for k, image in enumerate(images)] if sources is None else sources
+        objects = [str(k) for k in range(len(images))] if groups is None else groups
+        if not len(images) == len(labels) == len(objects) == len(names):
+            raise DataError(
+                f"recogniser: expected a label, group and source for each of {len(images)} views, "
+                f"got {len(labels)}, {len(objects)} and {len(names)}"
+            )
+        if len(set(labels)) < 2:
+            raise DataError(f"recogniser: expected views of two classes or more, got {sorted(set(labels))}")
+        stored = store_views(encoder, encoder.describe_many(images, progress), seed)
+        calibration = calibrate(
+            lambda train, known, test: _score(stored.views, train, known, test),
+            np.asarray(labels),
+            np.asarray(objects),
+            seed,
+        )
+        return cls(encoder, stored, labels, names, calibration)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The classes, sorted."""
+        return tuple(str(label) for label in self._fused.labels)
+
+    def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
+        """Recognise one view, or several views of one object; their scores are averaged."""
+        images = [views] if isinstance(views, RangeImage) else list(views)
+        if not images:
+            raise DataError("recognise: expected a view or several of one object, got none")
+        features = self.stored.describe(self.encoder, self.encoder.describe_many(images))
+        comparison = features.compared_with(self.stored.views)
+        distances = comparison.distances[0]
+        scores = self._fused.scores(comparison).mean(axis=0)
+        shares, none = self.calibration.probabilities(scores, float(distances.min(axis=1).mean()))
+        order = np.argsort(-shares, kind="stable")
+        nearest = int(distances.min(axis=0).argmin())
+        best = int(order[0])
+        known = none <= 0.5
+        return Recognition(
+            label=self.labels[best] if known else None,
+            confidence=float(shares[best]) if known else none,
+            classes=tuple((self.labels[k], float(shares[k])) for k in order),
+            none_probability=none,
+            nearest=self.sources[nearest],
+        )
+
+    def predict(self, queries: Sequence[RangeImage | Sequence[RangeImage]]) -> list[str | None]:
+        """Label of each query, None for none of the classes; a query is a view or several views of one object."""
+        return [self.recognise(query).label for query in queries]
+
+    def save(self, path: Path | str) -> Path:
+        """Write one file, without pickle; it appears whole or not at all."""
+        from depthprint.recogniser_file import save_recogniser
+
+        return save_recogniser(self, Path(path))
+
+    @classmethod
+    def load(cls, path: Path | str) -> TrainedRecogniser:
+        """Read a recogniser; a damaged file, or one of another kind or version, raises ModelError naming it."""
+        from depthprint.recogniser_file import load_recogniser
+
+        return load_recogniser(Path(path))
+
+
+def _score(
+    views: ViewFeatures, train: IntArray, labels: npt.NDArray[Any], test: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    stored, asked = views.taken(train), views.taken(test)
+    fused = FusedRecogniser().fit(stored.compared_with(stored), labels)
+    comparison = asked.compared_with(stored)
+    return fused.scores(comparison), np.asarray(comparison.distances[0].min(axis=1), dtype=np.float64)

@@ -1,0 +1,149 @@
+"""The recogniser that users train and save, on simulated objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from depthprint.errors import DataError, ModelError
+from depthprint.place_methods import load_shipped_encoder
+from depthprint.recogniser_calibration import Calibration, calibrate
+from depthprint.simulation.objects import simulated_objects
+from depthprint.trained_recogniser import TrainedRecogniser
+
+N_CATEGORIES = 5
+
+
+@pytest.fixture(scope="module")
+def views():
+    objects = simulated_objects(n_categories=N_CATEGORIES, n_instances=3, frames=1, seed=8)
+    return [(view, objects.read(view)) for view in objects.views]
+
+
+@pytest.fixture(scope="module")
+def recogniser(views):
+    stored = [(v, image) for v, image in views if not v.instance.endswith("_3") and v.category != "shape05"]
+    return TrainedRecogniser.fit(
+        load_shipped_encoder("object"),
+        [image for _, image in stored],
+        [v.category for v, _ in stored],
+        groups=[v.instance for v, _ in stored],
+        sources=[v.path for v, _ in stored],
+    )
+
+
+def queries(views, category=None):
+    return [
+        (v, image)
+        for v, image in views
+        if v.instance.endswith("_3")
+        and (v.category != "shape05" if category is None else v.category == category)
+    ]
+
+
+def test_objects_never_seen_are_put_in_their_class(recogniser, views):
+    asked = queries(views)
+    found = [recogniser.recognise(image) for _, image in asked]
+    assert np.mean([f.classes[0][0] == v.category for f, (v, _) in zip(found, asked, strict=True)]) >= 0.75
+
+
+def test_probabilities_add_up_and_are_sorted(recogniser, views):
+    found = recogniser.recognise(queries(views)[0][1])
+    shares = [share for _, share in found.classes]
+    assert sum(shares) + found.none_probability == pytest.approx(1.0)
+    assert shares == sorted(shares, reverse=True)
+    assert {label for label, _ in found.classes} == set(recogniser.labels)
+    assert found.nearest in recogniser.sources
+
+
+def test_an_unknown_kind_is_less_known_than_the_known_ones(recogniser, views):
+    known = [recogniser.recognise(image).none_probability for _, image in queries(views)]
+    unknown = [recogniser.recognise(image).none_probability for _, image in queries(views, "shape05")]
+    assert np.mean(unknown) > np.mean(known)
+
+
+def test_several_views_of_one_object_are_one_query(recogniser, views):
+    turn = [image for v, image in queries(views) if v.category == "shape01"]
+    assert len(turn) == 3
+    together = recogniser.predict([turn, turn[0]])
+    assert len(together) == 2
+    one = recogniser.recognise([turn[0], turn[0]])
+    assert one.classes[0] == pytest.approx(recogniser.recognise(turn[0]).classes[0])
+
+
+def test_a_saved_recogniser_answers_the_same(recogniser, views, tmp_path):
+    path = recogniser.save(tmp_path / "mine")
+    assert path.name == "mine.npz"
+    loaded = TrainedRecogniser.load(path)
+    image = queries(views)[1][1]
+    first, second = recogniser.recognise(image), loaded.recognise(image)
+    assert first == second
+    assert loaded.view_labels == recogniser.view_labels
+
+
+def test_a_damaged_or_another_file_is_refused(recogniser, tmp_path):
+    path = recogniser.save(tmp_path / "mine")
+    content = path.read_bytes()
+    (tmp_path / "short.npz").write_bytes(content[: len(content) // 2])
+    with pytest.raises(ModelError, match=r"short\.npz"):
+        TrainedRecogniser.load(tmp_path / "short.npz")
+    model = recogniser.encoder.save(tmp_path / "encoder")
+    with pytest.raises(ModelError, match=r"encoder\.npz.*recogniser"):
+        TrainedRecogniser.load(model)
+
+
+def test_what_cannot_be_learned_from_is_refused(views):
+    encoder = load_shipped_encoder("object")
+    images = [image for _, image in views[:3]]
+    with pytest.raises(DataError, match="two classes"):
+        TrainedRecogniser.fit(encoder, images, ["a", "a", "a"])
+    with pytest.raises(DataError, match="3 views, got 2"):
+        TrainedRecogniser.fit(encoder, images, ["a", "b"])
+
+
+def test_no_view_is_no_query(recogniser):
+    with pytest.raises(DataError, match="got none"):
+        recogniser.recognise([])
+
+
+def noisy_scorer(noise):
+    """Scores of one-dimensional views by their distance to class means."""
+
+    def scorer(positions):
+        def score(train, labels, test):
+            classes = np.unique(labels)
+            means = np.array([positions[train][labels == c].mean() for c in classes])
+            gaps = np.abs(positions[test][:, None] - means)
+            nearest = np.abs(positions[test][:, None] - positions[train]).min(axis=1)
+            return -gaps / noise, nearest
+
+        return score
+
+    return scorer
+
+
+def test_confidence_is_the_share_of_right_answers():
+    rng = np.random.default_rng(0)
+    labels = np.repeat(np.arange(6), 40)
+    positions = labels * 1.0 + rng.normal(0, 0.5, len(labels))
+    groups = np.arange(len(labels)) // 4
+    score = noisy_scorer(0.05)(positions)
+    calibration = calibrate(score, labels, groups, 0)
+    fresh = np.repeat(np.arange(6), 200)
+    asked = fresh + rng.normal(0, 0.5, len(fresh))
+    scores = -np.abs(asked[:, None] - np.arange(6)) / 0.05
+    plain = Calibration(calibration.temperature, None)
+    confidence = np.array([plain.probabilities(s, 0.0)[0].max() for s in scores])
+    right = scores.argmax(1) == fresh
+    assert abs(confidence.mean() - right.mean()) < 0.1
+    # Without calibration the same scores claim far too much.
+    sure = np.array([Calibration(1.0, None).probabilities(s, 0.0)[0].max() for s in scores])
+    assert abs(sure.mean() - right.mean()) > 0.15
+
+
+def test_two_classes_are_too_few_to_learn_the_unknown():
+    labels = np.repeat([0, 1], 8)
+    positions = labels + np.random.default_rng(0).normal(0, 0.1, 16)
+    calibration = calibrate(noisy_scorer(0.1)(positions), labels, np.arange(16), 0)
+    assert calibration.novelty is None
+    assert calibration.probabilities(np.array([1.0, 0.0]), 9.0)[1] == 0.0
