@@ -35,10 +35,10 @@ def loops(recording: Path, out: Path, *more: object) -> tuple[dict, str]:
     return json.loads((out / "results.json").read_text()), stderr
 
 
-def test_poses_and_aligned_loops_become_a_graph(recording: Path, tmp_path: Path) -> None:
+def test_poses_and_verified_loops_become_a_graph(recording: Path, tmp_path: Path) -> None:
     pytest.importorskip("small_gicp")
     results, _ = loops(recording, tmp_path / "out")
-    assert results["graph"] == {"nodes": 11, "odometry_edges": 10, "loop_edges": 3, "loops_not_aligned": 0}
+    assert results["graph"] == {"nodes": 11, "odometry_edges": 10, "loop_edges": 3, "loops_refused": 0}
     graph = read_g2o(tmp_path / "out" / "graph.g2o")
     assert [(edge.first, edge.second) for edge in graph.loops] == [(0, 8), (1, 9), (2, 10)]
     for edge in graph.loops:  # the same scene from the same place

@@ -38,4 +38,4 @@ def test_the_page_on_slam_runs(
     assert (names["optimized"].loop_weights > 0.5).all()
     corrected = names["corrected"].atPose3(len(street) - 1).matrix()
     np.testing.assert_allclose(corrected[:3, 3], street.poses[-1, :3, 3], atol=1.0)
-    assert "loop closed at [" in capsys.readouterr().out
+    assert "; that place is at [" in capsys.readouterr().out

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import MissingExtraError
-from depthprint.frame_alignment import align_frames
 from depthprint.io.poses import write_kitti_poses, write_tum_poses
 from depthprint.pose_graph import Edge, EdgeNoise, graph_from_odometry, write_g2o
+from depthprint.verification import GeometricVerifier
+from depthprint.verification.view_cache import ViewCache
 
 if TYPE_CHECKING:
     from depthprint.datasets.base import RangeSequence
@@ -44,7 +45,7 @@ def write_loop_graph(
     """Write graph.g2o, trajectory_kitti.txt and trajectory_tum.txt; say in numbers what the graph holds.
 
     poses: (n, 4, 4) T_world_sensor of each frame, by odometry or otherwise known; the motions between are the graph's
-    odometry edges. Loops become edges where small_gicp is installed and the points of both frames agree.
+    odometry edges. Loops become edges where the geometric check can be made (small_gicp is installed) and accepts them.
     """
     graph = graph_from_odometry(poses, step_noises(poses))
     edges = _loop_edges(sequence, encoder, loops, stages)
@@ -55,7 +56,7 @@ def write_loop_graph(
         "nodes": len(graph.nodes),
         "odometry_edges": len(graph.edges),
         "loop_edges": None if edges is None else len(edges),
-        "loops_not_aligned": None if edges is None else len(loops) - len(edges),
+        "loops_refused": None if edges is None else len(loops) - len(edges),
     }
 
 
@@ -73,16 +74,17 @@ def step_noises(poses: FloatArray) -> list[EdgeNoise]:
 def _loop_edges(
     sequence: RangeSequence, encoder: Encoder, loops: Sequence[LoopRecord], stages: Stages
 ) -> list[Edge] | None:
-    progress = stages("align loops")
+    verifier, views = GeometricVerifier(), ViewCache()
+    progress = stages("verify loops")
     edges = []
     for done, loop in enumerate(loops):
-        yaw_rad = encoder.yaw_of_shift(loop.shift)
+        query, match = views(sequence[loop.query]), views(sequence[loop.match])
         try:
-            found = align_frames(sequence[loop.query], sequence[loop.match], yaw_rad)
+            found = verifier.verify(query, match, yaw_rad=encoder.yaw_of_shift(loop.shift))
         except MissingExtraError as error:
             logging.getLogger("depthprint").warning("graph.g2o holds no loops: %s", error)
             return None
-        if found is not None:
+        if found.accepted:
             edges.append(Edge(loop.match, loop.query, found.T_match_query, LOOP_NOISE.information, loop=True))
         progress(done + 1, len(loops))
     return edges
