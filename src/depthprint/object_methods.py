@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.encoded_methods import EncodedMethod, EncodedNearest, EncodedRecogniser, EncodedSVM
 from depthprint.encoder import Encoder
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
@@ -40,6 +39,8 @@ NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd")
 
 
 def _nearest(name: str, encoder: Encoder, kind: str) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedNearest
+
     return EncodedNearest(name, ObjectComparisons(encoder), kind, LOCAL_SCALING)
 
 
@@ -52,32 +53,39 @@ def _emd_literal(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _emd_svm(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedSVM
+
     return EncodedSVM(name, ObjectComparisons(encoder))
 
 
+def _fused(name: str, encoder: Encoder | UncodedEncoder, with_complexities: bool = True) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedRecogniser
+
+    return EncodedRecogniser(name, ObjectComparisons(encoder), with_complexities=with_complexities)
+
+
 def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
-    return EncodedRecogniser(name, ObjectComparisons(encoder))
+    return _fused(name, encoder)
 
 
 def _no_emd(name: str, encoder: Encoder) -> ObjectMethod:
-    return EncodedRecogniser(name, ObjectComparisons(encoder), with_complexities=False)
+    return _fused(name, encoder, with_complexities=False)
 
 
 def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
-    return EncodedRecogniser(name, ObjectComparisons(without_mirror(encoder)))
+    return _fused(name, without_mirror(encoder))
 
 
 def _no_root(name: str, encoder: Encoder) -> ObjectMethod:
-    return EncodedRecogniser(name, ObjectComparisons(without_root(encoder)))
+    return _fused(name, without_root(encoder))
 
 
 def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
-    return EncodedRecogniser(name, ObjectComparisons(random_patch_encoder(encoder)))
+    return _fused(name, random_patch_encoder(encoder))
 
 
 def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:
-    uncoded = UncodedEncoder(encoder.settings, encoder.streams)
-    return EncodedRecogniser(name, ObjectComparisons(uncoded), with_complexities=False)
+    return _fused(name, UncodedEncoder(encoder.settings, encoder.streams), with_complexities=False)
 
 
 def _relaxed(name: str, encoder: Encoder) -> ObjectMethod:
@@ -185,6 +193,8 @@ def make_object_methods(
 
     Raises as ``make_object_method`` does.
     """
+    from depthprint.encoded_methods import EncodedMethod
+
     methods = [make_object_method(name, preset, model) for name in names]
     shared: dict[int, ObjectComparisons] = {}
     for method in methods:
