@@ -19,6 +19,7 @@ class CascadeSettings:
     verify: the best ``verified`` places, at least ``spread`` frames apart, are checked by geometry.
     climb: a checked place is exchanged for a neighbour of greater overlap.
     consistency: places next to the previous frames' matches are checked too, and need less overlap.
+    track: hand-held views only: places that the motion since the last match says are in view are checked first.
     Raises SettingsError for values out of range, or without any distance.
     """
 
@@ -28,6 +29,7 @@ class CascadeSettings:
     verify: bool = True
     climb: bool = True
     consistency: bool = True
+    track: bool = True
     proposed: int = 40
     ranked: int = 8
     vector_weight: float = 0.5

@@ -14,6 +14,8 @@ from depthprint.errors import SettingsError
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
+from depthprint.verification.agreement import coarse_overlaps
+from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView, make_depth_view
 from depthprint.verification.verifier import GeometricVerifier, Verification
 from depthprint.verification.view_arrays import pack_view, unpack_view
@@ -22,6 +24,7 @@ from depthprint.verification.view_cache import ViewCache
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
+_FRAMES_TRACKED, _PLACES_TRACKED = 10, 3
 # With this much nearness nothing better is looked for.
 _CERTAIN = 0.6
 
@@ -52,6 +55,7 @@ class VerifiedRecognizer:
     climb: an accepted place gives way to a neighbour in time of greater agreement.
     consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
     first, from their pose, and need less overlap. 0 turns it off.
+    track: follow the motion from frame to frame by depth alone, and check first the places that it says are in view.
     Raises SettingsError for numbers out of range; MissingExtraError (on query) without small_gicp.
     """
 
@@ -65,6 +69,7 @@ class VerifiedRecognizer:
         columns_full_circle: int | None = None,
         climb: bool = True,
         consistency: int = 0,
+        track: bool = False,
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
     ) -> None:
@@ -82,11 +87,14 @@ class VerifiedRecognizer:
         self._views: list[DepthView] = []
         self._links: dict[int, _Link] = {}
         self._last: tuple[VerifiedDescription, _Link] | None = None
+        self._track = track
+        self._odometry = DepthOdometry(self._verifier) if track else None
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
         """Let the inner method learn, and forget all places."""
         self.inner.fit(images)
         self._views, self._links, self._last = [], {}, None
+        self._odometry = DepthOdometry(self._verifier) if self._track else None
         return self
 
     def describe(self, image: RangeImage) -> VerifiedDescription:
@@ -97,6 +105,8 @@ class VerifiedRecognizer:
         """Store a place; where the last query was of this description, its match becomes known to the next."""
         number = self.inner.add(description.inner)
         self._views.append(description.view)
+        if self._odometry is not None:
+            self._odometry.add(description.view)
         if self._last is not None and self._last[0] is description:
             self._links[number] = self._last[1]
         self._last = None
@@ -112,7 +122,7 @@ class VerifiedRecognizer:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
         checked: dict[int, Verification] = {}
-        seconded = self._seconded(stored)
+        seconded = self._tracked(description.view, stored) or self._seconded(stored)
         for place, pose in seconded.items():
             if any(v.accepted and v.nearness > _CERTAIN for v in checked.values()):
                 break
@@ -189,6 +199,32 @@ class VerifiedRecognizer:
                         places.setdefault(link.place + step, link.T_match_query)
                 break
         return places
+
+    def _tracked(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
+        """Places that odometry since the last match says are in view, with the poses it says, most overlap first."""
+        latest = len(self._views) - 1
+        recent = range(latest, max(-1, latest - _FRAMES_TRACKED), -1)
+        number = next((number for number in recent if number in self._links), None)
+        if self._odometry is None or number is None:
+            return {}
+        T_linked_query = self._odometry.pose_of_next(number, view)
+        if T_linked_query is None:
+            return {}
+        link = self._links[number]
+        places, T_place_match = self._odometry.relative_poses(link.place, stored)
+        poses = T_place_match @ link.T_match_query @ T_linked_query
+        near = np.linalg.norm(poses[:, :3, 3], axis=1) < view.settings.max_offset_m
+        overlaps = {
+            int(place): float(coarse_overlaps(view, self._views[place], pose[None])[0])
+            for place, pose in zip(places[near], poses[near], strict=True)
+        }
+        by_overlap = sorted(overlaps, key=lambda place: (-overlaps[place], place))
+        chosen: list[int] = []
+        for place in by_overlap:
+            if len(chosen) < _PLACES_TRACKED and all(abs(place - other) >= self._spread for other in chosen):
+                chosen.append(place)
+        pose_of = dict(zip(places.tolist(), poses, strict=True))
+        return {place: pose_of[place] for place in chosen}
 
     def _climb_from(
         self, description: VerifiedDescription, best: int, checked: dict[int, Verification], stored: int

@@ -1,0 +1,106 @@
+"""Motion from frame to frame, and the places that it says are in view again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from depthprint.range_image import RangeImage
+from depthprint.recognizer import PlaceMatch
+from depthprint.verification import GeometricVerifier, make_depth_view
+from depthprint.verification.depth_odometry import DepthOdometry
+from depthprint.verified_recognizer import VerifiedRecognizer
+from test_verification import ROW, block_world, pose_at, pose_error
+
+STEP_M = 0.9
+WORLD = block_world(3)
+
+
+def frame(x: float, y: float = 0.0, yaw: float = 0.2, world=WORLD) -> RangeImage:
+    return RangeImage(world.cast(ROW, pose_at(ROW, x, y, yaw, 0.5)), ROW, sensor_height_m=0.5)
+
+
+def true_pose(first: float, second: float) -> np.ndarray:
+    return np.linalg.inv(pose_at(ROW, first, 0.0, 0.2, 0.5)) @ pose_at(ROW, second, 0.0, 0.2, 0.5)
+
+
+def odometry_along(positions: list[float]) -> DepthOdometry:
+    odometry = DepthOdometry(GeometricVerifier())
+    for x in positions:
+        odometry.add(make_depth_view(frame(x)))
+    return odometry
+
+
+def test_steps_add_up_to_the_way_driven():
+    odometry = odometry_along([STEP_M * i for i in range(6)])
+    found = odometry.pose_of_next(0, make_depth_view(frame(STEP_M * 6)))
+    assert found is not None
+    metres, degrees = pose_error(found, true_pose(0.0, STEP_M * 6))
+    assert metres < 0.1
+    assert degrees < 0.5
+
+
+def test_relative_poses_are_those_of_the_places_asked_for():
+    odometry = odometry_along([STEP_M * i for i in range(6)])
+    numbers, poses = odometry.relative_poses(1, below=4)
+    assert numbers.tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(poses[1], np.eye(4), atol=1e-12)
+    metres, _ = pose_error(poses[3], true_pose(STEP_M * 3, STEP_M))
+    assert metres < 0.1
+
+
+def test_a_view_of_elsewhere_starts_another_chain():
+    odometry = odometry_along([0.0, STEP_M])
+    elsewhere = make_depth_view(frame(0.0, world=block_world(8)))
+    assert odometry.pose_of_next(0, elsewhere) is None
+    odometry.add(elsewhere)
+    assert odometry.pose_of_next(1, make_depth_view(frame(STEP_M, world=block_world(8)))) is None
+    assert odometry.relative_poses(2, below=3)[0].tolist() == [2]
+    assert odometry.pose_of_next(2, make_depth_view(frame(STEP_M, world=block_world(8)))) is not None
+
+
+def test_nothing_precedes_the_first_view():
+    assert DepthOdometry(GeometricVerifier()).pose_of_next(0, make_depth_view(frame(0.0))) is None
+
+
+class Stubborn:
+    """Proposes one place whatever it is asked."""
+
+    def __init__(self, place: int):
+        self.place, self.stored = place, 0
+
+    def fit(self, images):
+        return self
+
+    def describe(self, image):
+        return None
+
+    def add(self, description):
+        self.stored += 1
+        return self.stored - 1
+
+    def query(self, description, k=1, limit=None):
+        return [PlaceMatch(self.place, 0.5)]
+
+    def distance(self, first, second):
+        return 0.5
+
+
+@pytest.mark.parametrize("track", [True, False])
+def test_tracking_finds_places_that_nobody_proposes(track):
+    # Ten places along a street; then a return to the second, and on by steps that skip places.
+    recognizer = VerifiedRecognizer(Stubborn(1), climb=False, consistency=0, track=track)
+    for i in range(10):
+        recognizer.add(recognizer.describe(frame(STEP_M * i)))
+    named = []
+    for x in (1.0, 2.9, 4.8, 6.7):
+        description = recognizer.describe(frame(STEP_M * x, y=0.3))
+        best = recognizer.query(description, limit=10)[0]
+        recognizer.add(description)
+        named.append((best.place, best.distance < 1))
+    assert named[0] == (1, True)
+    if track:
+        assert [accepted for _, accepted in named] == [True] * 4
+        assert all(abs(place - x) <= 1 for (place, _), x in zip(named[1:], (2.9, 4.8, 6.7), strict=True))
+    else:
+        assert named[-1][0] == 1
