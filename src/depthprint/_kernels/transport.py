@@ -16,6 +16,7 @@ from numba import njit
 
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
+from depthprint._kernels.start_basis import hang_tree, mean_costs, take_least_cells
 
 __all__ = [
     "BAD_CERTIFICATE",
@@ -140,76 +141,17 @@ def solve_transport(
         for j in range(columns):
             icost[m_real, j] = dummy
 
-    # --- start: row minima of the column-reduced costs; each step removes a leaf and hangs it on its parent
-    for j in range(columns):
-        temp[j] = icost[0, j]
-    for i in range(1, rows):
-        source_i = icost[i]
-        for j in range(columns):
-            temp[j] = min(temp[j], source_i[j])
+    # --- start
+    mean_costs(rows, columns, mass, icost, temp, size)
     for i in range(rows):
         pi[i] = mass[i] * (rows + 1) + 1
     for j in range(rows, nodes):
         pi[j] = mass[j] * (rows + 1)
-    pi[nodes - 1] += rows  # pi holds what is left of the perturbed masses, for now
-    for i in range(rows):
-        order[i] = i
-    open_rows = rows
-    removed = 0
-    root = nodes - 1
-    while open_rows > 0:
-        kept = 0
-        for k in range(open_rows):
-            i = order[k]
-            source_i = icost[i]
-            least = BIG
-            for j in range(columns):
-                least = min(least, source_i[j] - temp[j])
-            j = 0
-            while source_i[j] - temp[j] != least:
-                j += 1
-            x = rows + j
-            if pi[i] <= pi[x]:
-                parent[i] = x
-                flow[i] = pi[i]
-                root = x
-                pi[x] -= pi[i]
-                pos[removed] = i
-            else:
-                parent[x] = i
-                flow[x] = pi[x]
-                pi[i] -= pi[x]
-                pos[removed] = x
-                temp[j] = -BIG
-                order[kept] = i
-                kept += 1
-            removed += 1
-        open_rows = kept
-    if removed != nodes - 1:
+    pi[nodes - 1] += rows  # pi holds the perturbed masses until it holds potentials
+    root = take_least_cells(rows, columns, icost, pi, size, parent, flow, temp, order)
+    if root < 0:
         return 0.0, BAD_CERTIFICATE, rows, columns, exponent
-
-    # --- preorder: sizes from the leaves, then positions from the root (pos[] lists the leaves as removed)
-    parent[root] = -1
-    for x in range(nodes):
-        size[x] = 1
-    for k in range(removed):
-        x = pos[k]
-        order[k] = x
-        size[parent[x]] += size[x]
-    for k in range(removed):
-        temp[k] = order[k]
-    pos[root] = 0
-    pi[root] = 0
-    order[root] = 1  # while positions are dealt out, order[x] is the next free place in x's slice
-    for k in range(removed - 1, -1, -1):
-        x = temp[k]
-        y = parent[x]
-        pos[x] = order[y]
-        order[y] += size[x]
-        order[x] = pos[x] + 1
-        pi[x] = icost[x, y - rows] + pi[y] if x < rows else pi[y] - icost[y, x - rows]
-    for x in range(nodes):
-        order[pos[x]] = x
+    hang_tree(rows, columns, root, icost, parent, temp, order, pos, size, pi)
 
     # --- pivots: the most negative cell of a few rows, rows in turn, until no row has any
     pivots = 0
