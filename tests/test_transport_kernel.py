@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+from depthprint._kernels.pairs import solve_many
 from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_pair, solve_transport
 from depthprint._pairs import check_status
 from depthprint.errors import ConvergenceError
@@ -52,6 +53,57 @@ def test_equal_weights_solve_the_assignment_problem() -> None:
             assert status == OPTIMAL
             assert work == assignment(cost)
             assert set(np.unique(flow)) <= {0.0, 1.0}
+
+
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (1, 7), (7, 1), (20, 20), (20, 35), (35, 20), (121, 121)])
+@pytest.mark.parametrize("ties", [False, True])
+def test_equal_weights_agree_with_another_assignment_solver(m: int, n: int, ties: bool) -> None:
+    from scipy.optimize import linear_sum_assignment
+
+    rng = np.random.default_rng(m + 1000 * n)
+    for unit in (1.0, 0.1, 1e-9):
+        cost = rng.integers(0, 4, (m, n)).astype(float) if ties else rng.random((m, n))
+        expected = unit * (cost[linear_sum_assignment(cost)].sum() + 0.75 * abs(m - n))
+        work, status, flow = solve_pair(np.full(m, unit), np.full(n, unit), cost, 0.75, False)
+        assert status == OPTIMAL
+        assert work == pytest.approx(expected, rel=1e-12)
+        assert np.count_nonzero(flow) == min(m, n)
+        assert flow.sum(axis=0).max() == pytest.approx(unit, rel=1e-15)
+        assert flow.sum(axis=1).max() == pytest.approx(unit, rel=1e-15)
+        assert (flow * cost).sum() + 0.75 * unit * abs(m - n) == pytest.approx(work, rel=1e-12)
+
+
+def test_equal_weights_give_the_value_of_nearly_equal_ones() -> None:
+    rng = np.random.default_rng(8)
+    for m, n in ((20, 20), (9, 14), (14, 9)):
+        p, q, cost = np.ones(m), np.ones(n), rng.random((m, n))
+        assigned = solve_pair(p, q, cost, 0.5, False)[0]
+        p[0] += 1e-13  # no longer an assignment problem, so the simplex solves it
+        assert solve_pair(p, q, cost, 0.5, False)[0] == pytest.approx(assigned, rel=1e-12, abs=1e-12)
+
+
+def test_clusters_without_weight_do_not_matter() -> None:
+    rng = np.random.default_rng(9)
+    p, q = np.ones(12), np.ones(10)
+    p[[0, 5]] = q[3] = 0
+    cost = rng.random((12, 10))
+    work, status, flow = solve_pair(p, q, cost, 1.0, False)
+    kept = solve_pair(p[p > 0], q[q > 0], cost[p > 0][:, q > 0].copy(), 1.0, False)
+    assert (work, status) == kept[:2]
+    np.testing.assert_array_equal(flow[p > 0][:, q > 0], kept[2])
+    assert flow.sum() == kept[2].sum() == 9
+
+
+@pytest.mark.parametrize("unit", [True, False])
+def test_the_value_does_not_depend_on_what_was_solved_before(unit: bool) -> None:
+    rng = np.random.default_rng(10)
+    count, k = 40, 15
+    p, q = (np.ones((count, k)),) * 2 if unit else rng.random((2, count, k))
+    costs = rng.random((count, k, k))
+    forwards, status = solve_many(p, q, costs, 1.0, False)
+    backwards, _ = solve_many(p[::-1].copy(), q[::-1].copy(), costs[::-1].copy(), 1.0, False)
+    assert (status == OPTIMAL).all()
+    np.testing.assert_array_equal(forwards, backwards[::-1])
 
 
 @pytest.mark.parametrize("n", [1, 2, 30, 130, 200])

@@ -3,7 +3,8 @@
 Masses and costs are rounded once to 64-bit integers scaled by powers of two (about 2**-55 of the largest), so
 every sum below is exact. Row masses are then perturbed by one unit of a finer scale (Charnes): each basic
 flow stays positive, each pivot lowers the objective, and the simplex ends. The flows of the unperturbed
-masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice.
+masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice. Clusters
+of one common mass are an assignment problem, which `depthprint._kernels.assignment` solves faster.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from depthprint._kernels.assignment import all_equal, transport_units
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
 from depthprint._kernels.start_basis import hang_tree, mean_costs, take_least_cells
@@ -37,8 +39,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Rows of the integer scratch, each as long as rows + columns + 2.
 _MASS, _INDEX, _PARENT, _ORDER, _POS, _SIZE, _FLOW, _PI, _TEMP = range(9)
-_SCRATCH_ROWS = 9
-_ROWS_PRICED = 4
+_SCRATCH_ROWS = 11  # the last two, and those from _ORDER on, are work space of an assignment
+_ROWS_PRICED = 6
 
 
 @njit(cache=True, nogil=True)
@@ -108,6 +110,13 @@ def solve_transport(
                 heaviest = x
         mass[heaviest] += abs(surplus)
         surplus = np.int64(0)
+    if all_equal(mass, rows + columns) and rows > 0 and columns > 0:
+        work, certified = transport_units(
+            rows, columns, mass[0], index, cost, icost, parent, order, flow, ints[_ORDER:]
+        )
+        work += np.float64(abs(surplus)) * surplus_cost
+        status = OPTIMAL if certified else BAD_CERTIFICATE
+        return work / s1 / s2, status, rows, columns, exponent
     m_real, n_real = rows, columns
     if surplus > 0:
         mass[rows + columns] = surplus
