@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numba import njit
 
+from depthprint._kernels.dual_bound import work_limit
 from depthprint._kernels.pairs import solve_many
-from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_pair, solve_transport
+from depthprint._kernels.relaxation import normalise
+from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_pair, solve_transport
 from depthprint._pairs import check_status
 from depthprint.errors import ConvergenceError
 
@@ -17,7 +19,9 @@ def _count_unsolved(p, q, costs, sizes):  # type: ignore[no-untyped-def]
     failed = 0
     ints, icost = make_scratch(8, 8)
     for x in range(len(p)):
-        status = solve_transport(p[x], q[x], costs[x], sizes[x, 0], sizes[x, 1], 1.0, False, ints, icost)[1]
+        status = solve_transport(
+            p[x], q[x], costs[x], sizes[x, 0], sizes[x, 1], 1.0, False, np.inf, ints, icost
+        )[1]
         failed += status != OPTIMAL
     return failed
 
@@ -164,3 +168,43 @@ def test_identical_weights_on_a_zero_diagonal_cost_nothing() -> None:
 def test_unsolved_problems_raise() -> None:
     with pytest.raises(ConvergenceError, match="1 of 3"):
         check_status(np.array([0, 1, 0]))
+
+
+@njit(cache=False)
+def _solve_with_limit(p, q, cost, surplus_cost, limit):  # type: ignore[no-untyped-def]
+    ints, icost = make_scratch(*cost.shape)
+    return solve_transport(p, q, cost, len(p), len(q), surplus_cost, False, limit, ints, icost)[:2]
+
+
+def test_a_limit_abandons_only_what_is_over_it() -> None:
+    rng = np.random.default_rng(11)
+    abandoned = 0
+    for k in range(300):
+        m, n = rng.integers(1, 25, 2)
+        p, q, cost = rng.random(m), 10 ** rng.uniform(-9, 0, n), rng.random((m, n))
+        if k % 3 == 0:
+            p, q, cost = np.ceil(3 * p), np.ceil(3 * q), np.round(2 * cost)
+        if k % 5 == 0:
+            cost = np.full((m, n), 0.3)  # the first bound is the work itself
+        work = solve_pair(p, q, cost, 0.5, False)[0]
+        for share in (1.0, 1.0 + 1e-14, 1.01, 2.0):
+            assert _solve_with_limit(p, q, cost, 0.5, work * share) == (work, OPTIMAL)
+        for share in (0.0, 0.5, 0.9, 0.99):
+            value, status = _solve_with_limit(p, q, cost, 0.5, work * share)
+            assert (value, status) in {(work, OPTIMAL), (np.inf, ABANDONED)}
+            abandoned += status == ABANDONED
+    assert abandoned > 300
+
+
+@pytest.mark.parametrize("form", [0, 1, 2, 3])
+def test_the_work_limit_of_a_distance_is_no_less_than_its_work(form: int) -> None:
+    rng = np.random.default_rng(form)
+    over = 0
+    for _ in range(500):
+        k_p, k_q = 10 ** rng.uniform(-6, 3, 2)
+        work = rng.uniform(abs(k_p - k_q), k_p + k_q)
+        distance = normalise(work, k_p, k_q, form)
+        assert work_limit(distance, k_p, k_q, form) >= work
+        over += work_limit(distance * 0.99, k_p, k_q, form) < work
+    assert over > 100
+    assert work_limit(0.5, 0.0, 0.0, form) == (0.5 * (1 + 1e-12) if form == 0 else np.inf)

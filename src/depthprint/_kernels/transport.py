@@ -16,11 +16,13 @@ import numpy.typing as npt
 from numba import njit
 
 from depthprint._kernels.assignment import all_equal, transport_units
+from depthprint._kernels.dual_bound import dual_bound
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
 from depthprint._kernels.start_basis import hang_tree, mean_costs, take_least_cells
 
 __all__ = [
+    "ABANDONED",
     "BAD_CERTIFICATE",
     "OPTIMAL",
     "PIVOT_LIMIT",
@@ -33,6 +35,7 @@ __all__ = [
 OPTIMAL = 0
 PIVOT_LIMIT = 1
 BAD_CERTIFICATE = 2
+ABANDONED = 3
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -58,12 +61,14 @@ def solve_transport(
     n: int,
     surplus_cost: float,
     balance: bool,
+    limit: float,
     ints: IntArray,
     icost: IntArray,
 ) -> tuple[float, int, int, int, int]:
     """Least work to move weights_p[:m] onto weights_q[:n] at cost[:m, :n]; the surplus pays ``surplus_cost``.
 
     With ``balance`` the masses are equal up to rounding and the largest cluster takes what rounding left.
+    ABANDONED, without a tree, where a lower bound shows that the work is over ``limit``; inf for no limit.
     Returns (work, status, rows, columns, exponent of the mass scale); the scratch then holds the final tree
     for `write_flow`.
     """
@@ -164,10 +169,16 @@ def solve_transport(
 
     # --- pivots: the most negative cell of a few rows, rows in turn, until no row has any
     pivots = 0
-    limit = 1000 * nodes + 100000
+    most_pivots = 1000 * nodes + 100000
+    next_bound = 0
+    bound_limit = limit * c1 * c2 * s1 * s2
     i = 0
     left = rows
     while left > 0:
+        if pivots >= next_bound and bound_limit < np.inf:
+            if dual_bound(rows, columns, mass, icost, pi) > bound_limit:
+                return np.inf, ABANDONED, rows, columns, exponent
+            next_bound = 2 * pivots + 2
         best_row, best_sum, worst = -1, np.int64(0), np.int64(0)
         for _ in range(min(_ROWS_PRICED, left)):
             source_i = icost[i]
@@ -186,7 +197,7 @@ def solve_transport(
             while source_i[j - rows] + pi[j] != best_sum:
                 j += 1
             pivots += 1
-            if pivots > limit:
+            if pivots > most_pivots:
                 return 0.0, PIVOT_LIMIT, rows, columns, exponent
             pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
             left = rows
@@ -240,7 +251,7 @@ def solve_pair(
     m, n = cost.shape
     ints, icost = make_scratch(m, n)
     work, status, rows, columns, exponent = solve_transport(
-        weights_p, weights_q, cost, m, n, surplus_cost, balance, ints, icost
+        weights_p, weights_q, cost, m, n, surplus_cost, balance, np.inf, ints, icost
     )
     flow = np.zeros((m, n))
     if status == OPTIMAL and rows > 0:
