@@ -186,18 +186,22 @@ class NearestSearch:
             if not len(alive):
                 break
             r, shift = rows[alive], shifts[alive]
+            weight = self._streams[s].weight
+            others = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
+            spare = above[alive] * _ROUNDING - total[alive] - others
             values, status, solved = pair_distances(
                 self._sides[s],
                 store.gather(items[r]),
                 np.arange(len(r)),
                 shift,
+                spare / weight if weight > 0 else np.full(len(r), np.inf),
                 self._shifts[s],
                 self._rules[s],
             )
             check_status(status)
             self.emds_solved += int(solved.sum())
-            total[alive] += self._streams[s].weight * values
-            rest[alive] = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
+            total[alive] += weight * values
+            rest[alive] = others
             alive = alive[total[alive] + rest[alive] <= above[alive] * _ROUNDING]
         result = np.full(len(rows), np.inf)
         result[alive] = total[alive]

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
+from depthprint._kernels.dual_bound import work_limit
 from depthprint._kernels.ground import PairRules, Side, ground_costs
 from depthprint._kernels.relaxation import normalise, relaxed_work
-from depthprint._kernels.transport import OPTIMAL, make_scratch, solve_transport
+from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
 __all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
 
@@ -29,19 +30,23 @@ def _pair(
     b: int,
     shift: FloatArray,
     above: float,
+    relaxed: bool,
     rules: PairRules,
     ints: IntArray,
     icost: IntArray,
     cost: FloatArray,
     minima: FloatArray,
 ) -> tuple[float, int, bool]:
-    """(distance, status, solved): inf and not solved where the relaxed bound is over ``above``."""
+    """(distance, status, solved): inf and not solved where a bound is over ``above``.
+
+    With ``relaxed`` the relaxed bound is looked at first, else only the bounds on the way of the solver.
+    """
     if left.masses[a] <= 0.0 or right.masses[b] <= 0.0:
         k_p, k_q = left.complexity[a], right.complexity[b]
         return normalise(k_p + k_q, k_p, k_q, rules.form), OPTIMAL, False
     m, n = left.counts[a], right.counts[b]
     ground_costs(left.points[a], right.points[b], m, n, shift, rules, cost)
-    if above < np.inf:
+    if relaxed and above < np.inf:
         for j in range(n):
             minima[1, j] = np.inf
         for i in range(m):
@@ -64,9 +69,16 @@ def _pair(
         )
         if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * _ROUNDING:
             return np.inf, OPTIMAL, False
+    limit = np.inf
+    if above < np.inf:
+        limit = work_limit(above, left.complexity[a], right.complexity[b], rules.form)
+        if rules.divide:
+            limit *= min(left.masses[a], right.masses[b])
     work, status, _, _, _ = solve_transport(
-        left.weights[a], right.weights[b], cost, m, n, rules.surplus_cost, rules.balance, ints, icost
+        left.weights[a], right.weights[b], cost, m, n, rules.surplus_cost, rules.balance, limit, ints, icost
     )
+    if status == ABANDONED:
+        return np.inf, OPTIMAL, False
     if rules.divide:
         work /= min(left.masses[a], right.masses[b])
     return normalise(work, left.complexity[a], right.complexity[b], rules.form), status, True
@@ -94,7 +106,7 @@ def difference_tasks(
             best = np.inf
             for s in range(len(shifts)):
                 value, code, _ = _pair(
-                    left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
+                    left, i, right, j, shifts[s], min(best, below), True, rules, ints, icost, cost, minima
                 )
                 if code != OPTIMAL:
                     status[t] = code
@@ -105,9 +117,18 @@ def difference_tasks(
 
 @njit(cache=True, parallel=True)
 def pair_distances(
-    left: Side, right: Side, candidates: IntArray, chosen: IntArray, shifts: FloatArray, rules: PairRules
+    left: Side,
+    right: Side,
+    candidates: IntArray,
+    chosen: IntArray,
+    above: FloatArray,
+    shifts: FloatArray,
+    rules: PairRules,
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved)."""
+    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved).
+
+    inf and not solved where the solver's own bound shows that a distance is over its ``above``.
+    """
     count = len(candidates)
     distances = np.empty(count)
     status = np.zeros(count, np.int64)
@@ -118,7 +139,18 @@ def pair_distances(
         cost = np.empty((k_p, k_q))
         minima = np.empty((2, max(k_p, k_q)))
         value, code, was_solved = _pair(
-            left, 0, right, candidates[t], shifts[chosen[t]], np.inf, rules, ints, icost, cost, minima
+            left,
+            0,
+            right,
+            candidates[t],
+            shifts[chosen[t]],
+            above[t],
+            False,
+            rules,
+            ints,
+            icost,
+            cost,
+            minima,
         )
         distances[t] = value
         status[t] = code
@@ -138,7 +170,9 @@ def aligned_pairs(
     cost = np.empty((k_p, k_q))
     minima = np.empty((2, max(k_p, k_q)))
     for i in range(count):
-        distances[i], status[i], _ = _pair(left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima)
+        distances[i], status[i], _ = _pair(
+            left, i, right, i, shift, np.inf, False, rules, ints, icost, cost, minima
+        )
     return distances, status
 
 
@@ -152,6 +186,6 @@ def solve_many(
     ints, icost = make_scratch(m, k)
     for x in range(count):
         works[x], status[x], _, _, _ = solve_transport(
-            weights_p[x], weights_q[x], costs[x], m, k, surplus_cost, balance, ints, icost
+            weights_p[x], weights_q[x], costs[x], m, k, surplus_cost, balance, np.inf, ints, icost
         )
     return works, status

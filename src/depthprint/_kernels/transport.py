@@ -3,7 +3,8 @@
 Masses and costs are rounded once to 64-bit integers scaled by powers of two (about 2**-55 of the largest), so
 every sum below is exact. Row masses are then perturbed by one unit of a finer scale (Charnes): each basic
 flow stays positive, each pivot lowers the objective, and the simplex ends. The flows of the unperturbed
-masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice.
+masses are read off the final tree. The spanning tree is kept in preorder, so that a subtree is a slice. Clusters
+of one common mass are an assignment problem, which `depthprint._kernels.assignment` solves faster.
 """
 
 from __future__ import annotations
@@ -14,10 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from depthprint._kernels.assignment import all_equal, transport_units
+from depthprint._kernels.dual_bound import dual_bound
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
+from depthprint._kernels.start_basis import hang_tree, mean_costs, take_least_cells
 
 __all__ = [
+    "ABANDONED",
     "BAD_CERTIFICATE",
     "OPTIMAL",
     "PIVOT_LIMIT",
@@ -30,14 +35,15 @@ __all__ = [
 OPTIMAL = 0
 PIVOT_LIMIT = 1
 BAD_CERTIFICATE = 2
+ABANDONED = 3
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
 # Rows of the integer scratch, each as long as rows + columns + 2.
 _MASS, _INDEX, _PARENT, _ORDER, _POS, _SIZE, _FLOW, _PI, _TEMP = range(9)
-_SCRATCH_ROWS = 9
-_ROWS_PRICED = 4
+_SCRATCH_ROWS = 11  # the last two, and those from _ORDER on, are work space of an assignment
+_ROWS_PRICED = 6
 
 
 @njit(cache=True, nogil=True)
@@ -55,12 +61,14 @@ def solve_transport(
     n: int,
     surplus_cost: float,
     balance: bool,
+    limit: float,
     ints: IntArray,
     icost: IntArray,
 ) -> tuple[float, int, int, int, int]:
     """Least work to move weights_p[:m] onto weights_q[:n] at cost[:m, :n]; the surplus pays ``surplus_cost``.
 
     With ``balance`` the masses are equal up to rounding and the largest cluster takes what rounding left.
+    ABANDONED, without a tree, where a lower bound shows that the work is over ``limit``; inf for no limit.
     Returns (work, status, rows, columns, exponent of the mass scale); the scratch then holds the final tree
     for `write_flow`.
     """
@@ -107,6 +115,13 @@ def solve_transport(
                 heaviest = x
         mass[heaviest] += abs(surplus)
         surplus = np.int64(0)
+    if all_equal(mass, rows + columns) and rows > 0 and columns > 0:
+        work, certified = transport_units(
+            rows, columns, mass[0], index, cost, icost, parent, order, flow, ints[_ORDER:]
+        )
+        work += np.float64(abs(surplus)) * surplus_cost
+        status = OPTIMAL if certified else BAD_CERTIFICATE
+        return work / s1 / s2, status, rows, columns, exponent
     m_real, n_real = rows, columns
     if surplus > 0:
         mass[rows + columns] = surplus
@@ -140,83 +155,30 @@ def solve_transport(
         for j in range(columns):
             icost[m_real, j] = dummy
 
-    # --- start: row minima of the column-reduced costs; each step removes a leaf and hangs it on its parent
-    for j in range(columns):
-        temp[j] = icost[0, j]
-    for i in range(1, rows):
-        source_i = icost[i]
-        for j in range(columns):
-            temp[j] = min(temp[j], source_i[j])
+    # --- start
+    mean_costs(rows, columns, mass, icost, temp, size)
     for i in range(rows):
         pi[i] = mass[i] * (rows + 1) + 1
     for j in range(rows, nodes):
         pi[j] = mass[j] * (rows + 1)
-    pi[nodes - 1] += rows  # pi holds what is left of the perturbed masses, for now
-    for i in range(rows):
-        order[i] = i
-    open_rows = rows
-    removed = 0
-    root = nodes - 1
-    while open_rows > 0:
-        kept = 0
-        for k in range(open_rows):
-            i = order[k]
-            source_i = icost[i]
-            least = BIG
-            for j in range(columns):
-                least = min(least, source_i[j] - temp[j])
-            j = 0
-            while source_i[j] - temp[j] != least:
-                j += 1
-            x = rows + j
-            if pi[i] <= pi[x]:
-                parent[i] = x
-                flow[i] = pi[i]
-                root = x
-                pi[x] -= pi[i]
-                pos[removed] = i
-            else:
-                parent[x] = i
-                flow[x] = pi[x]
-                pi[i] -= pi[x]
-                pos[removed] = x
-                temp[j] = -BIG
-                order[kept] = i
-                kept += 1
-            removed += 1
-        open_rows = kept
-    if removed != nodes - 1:
+    pi[nodes - 1] += rows  # pi holds the perturbed masses until it holds potentials
+    root = take_least_cells(rows, columns, icost, pi, size, parent, flow, temp, order)
+    if root < 0:
         return 0.0, BAD_CERTIFICATE, rows, columns, exponent
-
-    # --- preorder: sizes from the leaves, then positions from the root (pos[] lists the leaves as removed)
-    parent[root] = -1
-    for x in range(nodes):
-        size[x] = 1
-    for k in range(removed):
-        x = pos[k]
-        order[k] = x
-        size[parent[x]] += size[x]
-    for k in range(removed):
-        temp[k] = order[k]
-    pos[root] = 0
-    pi[root] = 0
-    order[root] = 1  # while positions are dealt out, order[x] is the next free place in x's slice
-    for k in range(removed - 1, -1, -1):
-        x = temp[k]
-        y = parent[x]
-        pos[x] = order[y]
-        order[y] += size[x]
-        order[x] = pos[x] + 1
-        pi[x] = icost[x, y - rows] + pi[y] if x < rows else pi[y] - icost[y, x - rows]
-    for x in range(nodes):
-        order[pos[x]] = x
+    hang_tree(rows, columns, root, icost, parent, temp, order, pos, size, pi)
 
     # --- pivots: the most negative cell of a few rows, rows in turn, until no row has any
     pivots = 0
-    limit = 1000 * nodes + 100000
+    most_pivots = 1000 * nodes + 100000
+    next_bound = 0
+    bound_limit = limit * c1 * c2 * s1 * s2
     i = 0
     left = rows
     while left > 0:
+        if pivots >= next_bound and bound_limit < np.inf:
+            if dual_bound(rows, columns, mass, icost, pi) > bound_limit:
+                return np.inf, ABANDONED, rows, columns, exponent
+            next_bound = 2 * pivots + 2
         best_row, best_sum, worst = -1, np.int64(0), np.int64(0)
         for _ in range(min(_ROWS_PRICED, left)):
             source_i = icost[i]
@@ -235,7 +197,7 @@ def solve_transport(
             while source_i[j - rows] + pi[j] != best_sum:
                 j += 1
             pivots += 1
-            if pivots > limit:
+            if pivots > most_pivots:
                 return 0.0, PIVOT_LIMIT, rows, columns, exponent
             pivot(best_row, j, worst, rows, parent, order, pos, size, flow, pi, temp)
             left = rows
@@ -289,7 +251,7 @@ def solve_pair(
     m, n = cost.shape
     ints, icost = make_scratch(m, n)
     work, status, rows, columns, exponent = solve_transport(
-        weights_p, weights_q, cost, m, n, surplus_cost, balance, ints, icost
+        weights_p, weights_q, cost, m, n, surplus_cost, balance, np.inf, ints, icost
     )
     flow = np.zeros((m, n))
     if status == OPTIMAL and rows > 0:
