@@ -13,7 +13,7 @@ demo: $(INSTALLED)
 	$(BIN)/depthprint demo -o demo-run
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check src tests benchmarks tools examples

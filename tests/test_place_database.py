@@ -51,7 +51,7 @@ def pose(x_m: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def whole_map(tmp_path_factory, encoder) -> tuple[bytes, np.ndarray]:
+def whole_map(tmp_path_factory, encoder) -> tuple[Path, np.ndarray]:
     """A map of four places without the model, which has its own checksum and would be most of the file."""
     path = tmp_path_factory.mktemp("maps") / "map.db"
     truth = np.arange(64, dtype=np.float64).reshape(8, 8)
@@ -60,7 +60,8 @@ def whole_map(tmp_path_factory, encoder) -> tuple[bytes, np.ndarray]:
         database._connection.execute("VACUUM")
         for number in range(4):
             database.add(Place(number, float(number), pose(number)), {"truth": truth})
-    return path.read_bytes(), truth
+    # a path, since hypothesis prints its arguments
+    return path, truth
 
 
 def fill(database: PlaceDatabase, encodings, first: int = 0) -> None:
@@ -116,7 +117,7 @@ def test_an_object_encoding_keeps_its_mirror_image(encoder):
 def test_any_array_of_numbers_and_any_stamp_come_back(tmp_path_factory, whole_map, shape, dtype, seed, stamp):
     array = np.random.default_rng(seed).normal(0, 50, shape).astype(dtype)
     path = tmp_path_factory.getbasetemp() / "arrays.db"
-    path.write_bytes(whole_map[0])
+    path.write_bytes(whole_map[0].read_bytes())
     with PlaceDatabase.open(path) as database:
         database.add(Place(4, stamp), {"a": array, "transposed": array.T})
         stored = database[4]
@@ -208,7 +209,7 @@ def test_a_transaction_that_fails_leaves_the_map_as_it_was(database, encodings):
 @settings(max_examples=120, deadline=None)
 @given(position=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_is_refused_or_does_no_harm(tmp_path_factory, whole_map, position, bit):
-    whole, truth = whole_map
+    whole, truth = whole_map[0].read_bytes(), whole_map[1]
     content = bytearray(whole)
     content[int(position * len(content))] ^= 1 << bit
     path = tmp_path_factory.getbasetemp() / "flipped.db"
