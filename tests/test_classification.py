@@ -25,7 +25,7 @@ VARIANTS = [
 @pytest.mark.parametrize(
     ("estimator", "check"),
     [pair for variant in VARIANTS for pair in estimator_checks_generator(variant)],
-    ids=str,
+    ids=lambda value: getattr(getattr(value, "func", None), "__name__", str(value)),
 )
 def test_passes_scikit_learns_estimator_checks(estimator, check):
     check(estimator)
