@@ -93,7 +93,7 @@ def load_images(n: int) -> npt.NDArray[np.float32]:
 def load_patches(n: int) -> SignatureBatch:
     """Signatures of n frames with 121 clusters each: 11 x 11 patches of relative depth, coded by random patches."""
     stream = StreamSettings(
-        view="depth", patch_shape=(16, 16), stride=8, n_nonzero=3, clusters="patches", dictionary="random",
+        view="depth", size=192, patch_shape=(16, 16), stride=8, n_nonzero=3, clusters="patches", dictionary="random",
         point_dims=20, position_weight=1.0,
     )  # fmt: skip
     training, drive = _drive(DRIVE_SEED + 1), _drive(DRIVE_SEED)

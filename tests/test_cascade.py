@@ -145,7 +145,7 @@ def test_geometry_overrules_a_wrong_first_proposal():
     found = recognizer.query(recognizer.describe(row_at(1, 0.7)), k=3)
     assert found[0].place == 1
     assert found[0].verification.accepted
-    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement)
+    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement / 1.9)
     assert found[0].distance < 1
     assert [(m.place, m.verification.accepted) for m in found[1:]] == [(0, False), (2, False)]
     assert found[1].distance == pytest.approx(1 + 0.1 / 1.1)
@@ -279,7 +279,7 @@ def test_verified_pairs_agree_with_the_verifier():
     recognizer = VerifiedRecognizer(Listed([0.0]))
     a, b = (recognizer.describe(row_at(1, x)) for x in (0.0, 0.5))
     found = GeometricVerifier().verify(a.view, b.view)
-    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement)
+    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement / 1.5)
     other = recognizer.describe(row_at(2, 0.0))
     assert recognizer.distance(a, other) == pytest.approx(1 + 0.5 / 1.5)
 

@@ -48,8 +48,9 @@ class _Link:
 class VerifiedRecognizer:
     """PlaceRecognizer around another: proposals that pass the geometric check come first, by their agreement.
 
-    The distance of an accepted place is 1 - agreement, below 1; that of any other is 1 + d / (1 + d), where d is the
-    inner method's distance. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
+    The distance of an accepted place is 1 - agreement / (1 + d), below 1; that of any other is 1 + d / (1 + d). d is
+    the inner method's distance; for a place that it did not propose, that of its nearest proposal within ``spread``
+    frames, or else of its worst one. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
     pool: how many proposals the inner method is asked for; k * spread when None.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
     climb: an accepted place gives way to a neighbour in time of greater agreement.
@@ -143,7 +144,7 @@ class VerifiedRecognizer:
         return self._ranked(description, pool, checked)[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
-        """1 - agreement where the pair passes the check, else 1 + d / (1 + d) of the inner distance."""
+        """1 - agreement / (1 + d) where the pair passes the check, else 1 + d / (1 + d), of the inner distance d."""
         inner = self.inner.distance(first.inner, second.inner)
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)
@@ -246,11 +247,16 @@ class VerifiedRecognizer:
         by_place = {match.place: match for match in pool}
         found = []
         for place in sorted({*by_place, *(p for p, v in checked.items() if v.accepted)}):
-            match = by_place.get(place, PlaceMatch(place, math.inf))
+            match = by_place.get(place, PlaceMatch(place, self._inner_distance(place, pool)))
             verification = checked.get(place)
             distance = _distance(match.distance, verification)
             found.append(replace(match, distance=distance, verification=verification))
         return sorted(found, key=lambda m: (m.distance, m.place))
+
+    def _inner_distance(self, place: int, pool: list[PlaceMatch]) -> float:
+        """Distance for a place that was not proposed."""
+        beside = [match.distance for match in pool if abs(match.place - place) <= self._spread]
+        return min(beside) if beside else max(match.distance for match in pool)
 
 
 def _best(checked: dict[int, Verification]) -> int | None:
@@ -260,5 +266,5 @@ def _best(checked: dict[int, Verification]) -> int | None:
 
 def _distance(inner: float, verification: Verification | None) -> float:
     if verification is not None and verification.accepted:
-        return 1.0 - verification.agreement
-    return 2.0 if math.isinf(inner) else 1.0 + inner / (1.0 + inner)
+        return 1.0 - verification.agreement / (1.0 + inner)
+    return 1.0 + inner / (1.0 + inner)
