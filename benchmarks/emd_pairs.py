@@ -28,7 +28,7 @@ def run(settings: Settings, wanted: set[str]) -> list[Comparison]:
         rows += _compare("emd20", small, *twenty_clusters(side))
     if "emd121_pot_emd_c" in wanted:
         side = 3 if settings.quick else 10
-        batch = load_patches(2 * side)
+        batch = full_ones(load_patches(4 * side), 2 * side)
         rows += _compare("emd121", ["pot_emd_c"], _part(batch, 0, 2), _part(batch, 1, 2))
     return rows
 
@@ -40,6 +40,12 @@ def twenty_clusters(side: int) -> tuple[SignatureBatch, SignatureBatch]:
     chosen = chosen[np.linspace(0, len(chosen) - 1, 2 * side).astype(int)]
     batch = SignatureBatch.stack([heaviest(street[int(i)], 20) for i in chosen])
     return _part(batch, 0, 2), _part(batch, 1, 2)
+
+
+def full_ones(batch: SignatureBatch, n: int) -> SignatureBatch:
+    """The first n signatures that have as many clusters as there can be: patches without a return make none."""
+    full = np.flatnonzero(batch.counts == batch.counts.max())[:n]
+    return SignatureBatch.stack([batch[int(i)] for i in full])
 
 
 def heaviest(signature: Signature, n: int) -> Signature:
