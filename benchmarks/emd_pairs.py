@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-import depthprint.emd
 from benchmarks.data import N_PLACES_QUICK, load_patches, load_street
 from benchmarks.harness import Comparison, Settings, interleaved_s, threads
 from benchmarks.peers import EMD_PEERS, EMDPeer, Problem
-from depthprint import GroundDistance, Signature, SignatureBatch, difference_matrix
+from depthprint import GroundDistance, Signature, SignatureBatch
+from depthprint.emd import emd_pairs_from_costs
 
 __all__ = ["NAMES", "run"]
 
@@ -67,18 +67,10 @@ def problems_of(a: SignatureBatch, b: SignatureBatch) -> list[Problem]:
     return problems
 
 
-def ours(
-    a: SignatureBatch, b: SignatureBatch, problems: list[Problem]
-) -> Callable[[], npt.NDArray[np.float64]]:
-    """All pairs in one call, from the same costs as the peers get.
-
-    Where depthprint has no such call, by the matrix of two batches, which works out ground distances on the way.
-    """
-    solve = getattr(depthprint.emd, "emd_pairs_from_costs", None)
-    if solve is None:
-        return lambda: difference_matrix(a, b, masses="balanced", ground=GROUND).ravel()
+def ours(problems: list[Problem]) -> Callable[[], npt.NDArray[np.float64]]:
+    """All pairs in one call, from the same costs as the peers get."""
     p, q, costs = (np.stack([getattr(problem, name) for problem in problems]) for name in ("p", "q", "costs"))
-    return lambda: np.asarray(solve(p, q, costs, masses="balanced"))
+    return lambda: np.asarray(emd_pairs_from_costs(p, q, costs, masses="balanced"))
 
 
 def _part(batch: SignatureBatch, start: int, step: int) -> SignatureBatch:
@@ -90,7 +82,7 @@ def _compare(prefix: str, names: list[str], a: SignatureBatch, b: SignatureBatch
     clusters = f"{problems[0].costs.shape[0]} x {problems[0].costs.shape[1]}"
     size = f"{len(problems)} pairs, {clusters} clusters"
     with threads(1):
-        solve = ours(a, b, problems)
+        solve = ours(problems)
         exact = solve()
         contestants: dict[str, Callable[[], object]] = {"ours": solve}
         notes, differences = {}, {}

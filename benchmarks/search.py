@@ -140,7 +140,7 @@ def _scaling(batch: SignatureBatch, n: int, settings: Settings) -> Comparison:
                 "query_s": statistics.median(seconds),
                 "slowest_query_s": max(seconds),
                 "share_of_emds_solved": statistics.mean(solved) / size,
-                "index_mb": float(getattr(index, "nbytes", 0)) / 1e6,
+                "index_mb": index.nbytes / 1e6,
                 "memory_mb": peak_memory_mb() - before,
             }
         )
@@ -175,12 +175,7 @@ def _simulated_places(batch: SignatureBatch, n: int, rng: np.random.Generator) -
 def _add(index: SignatureIndex, batch: SignatureBatch, most: int | None = None) -> None:
     n = len(batch) if most is None else min(most, len(batch))
     part = SignatureBatch(batch.weights[:n], batch.points[:n], batch.counts[:n], batch.fingerprint)
-    extend = getattr(index, "extend", None)
-    if extend is not None:
-        extend([part])
-        return
-    for i in range(n):
-        index.add([part[i]])
+    index.extend([part])
 
 
 def _share_solved(index: SignatureIndex, queries: list[list[Signature]], pairs: int) -> float:
