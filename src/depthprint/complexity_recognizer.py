@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-import numpy.typing as npt
-
+from depthprint.encoded_places import EncodedPlaces
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
-from depthprint.encoding_arrays import pack_encoding, unpack_encoding
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 
 __all__ = ["ComplexityRecognizer"]
 
 
-class ComplexityRecognizer:
+class ComplexityRecognizer(EncodedPlaces):
     """PlaceRecognizer over an Encoder; the k nearest are exact (bounds only order the work).
 
     ``relaxed`` ranks by the lower bound alone: an ablation.
     """
 
     def __init__(self, encoder: Encoder, *, relaxed: bool = False) -> None:
-        self.encoder = encoder
+        super().__init__(encoder)
         self._relaxed = relaxed
         polar = encoder.settings.streams[0].view == "polar"
         self._sectors = encoder.shift_sectors() if polar else None
@@ -34,10 +31,6 @@ class ComplexityRecognizer:
         self.encoder.fit(images)
         self._index = self.encoder.make_index()
         return self
-
-    def describe(self, image: RangeImage) -> Encoding:
-        """Encode one frame."""
-        return self.encoder.describe(image)
 
     def add(self, description: Encoding) -> int:
         """Store a place."""
@@ -56,16 +49,3 @@ class ComplexityRecognizer:
         index = self.encoder.make_index()
         index.add(second.signatures)
         return float(index.distances(first.signatures, relaxed=self._relaxed)[0])
-
-    @property
-    def fingerprint(self) -> str:
-        """Fingerprint of the encoder."""
-        return self.encoder.fingerprint
-
-    def pack(self, description: Encoding) -> dict[str, npt.NDArray[Any]]:
-        """Arrays of an encoding, for a place database."""
-        return pack_encoding(description)
-
-    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Encoding:
-        """The encoding that ``pack`` took apart."""
-        return unpack_encoding(arrays, self.encoder.fingerprint)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +21,7 @@ from depthprint.encoding import (
 )
 from depthprint.errors import DataError, ModelError
 from depthprint.patches import Patches, extract_patches
+from depthprint.polar_view import turn_of_shift
 from depthprint.presets import preset_settings
 from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings
@@ -154,8 +154,7 @@ class Encoder:
         polar = self.settings.polar
         if shift is None or not polar.full_circle or self.settings.streams[0].view != "polar":
             return 0.0
-        # Sectors are counted clockwise, and the shift moves the query's.
-        return -2 * math.pi * shift / polar.sectors
+        return turn_of_shift(shift, polar.sectors)
 
     def save(self, path: Path | str) -> Path:
         """Write the model to one file, without pickle; the file appears whole or not at all."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from depthprint.baselines.cosine import CosineRecognizer
 from depthprint.cascade_settings import CascadeSettings
 from depthprint.complexity_recognizer import ComplexityRecognizer
+from depthprint.encoded_places import EncodedPlaces
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
-from depthprint.encoding_arrays import pack_encoding, unpack_encoding
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
@@ -22,7 +20,7 @@ from depthprint.recognizer import PlaceMatch
 __all__ = ["FusedRecognizer"]
 
 
-class FusedRecognizer:
+class FusedRecognizer(EncodedPlaces):
     """PlaceRecognizer whose distance is the weighted sum of the NCD and of the cosine distance of the same codes.
 
     What ``query`` returns has exact distances, but is searched among the proposed places only: unlike
@@ -31,7 +29,7 @@ class FusedRecognizer:
     """
 
     def __init__(self, encoder: Encoder, settings: CascadeSettings | None = None) -> None:
-        self.encoder = encoder
+        super().__init__(encoder)
         self.settings = CascadeSettings() if settings is None else settings
         self._vectors = CosineRecognizer(encoder)
         self._index = encoder.make_index()
@@ -41,10 +39,6 @@ class FusedRecognizer:
         self._vectors.fit(images)
         self._index = self.encoder.make_index()
         return self
-
-    def describe(self, image: RangeImage) -> Encoding:
-        """Encode one frame."""
-        return self.encoder.describe(image)
 
     def add(self, description: Encoding) -> int:
         """Store a place."""
@@ -85,16 +79,3 @@ class FusedRecognizer:
             return cosine
         weight = self.settings.vector_weight
         return (1 - weight) * ComplexityRecognizer(self.encoder).distance(first, second) + weight * cosine
-
-    @property
-    def fingerprint(self) -> str:
-        """Fingerprint of the encoder."""
-        return self.encoder.fingerprint
-
-    def pack(self, description: Encoding) -> dict[str, npt.NDArray[Any]]:
-        """Arrays of an encoding, for a place database."""
-        return pack_encoding(description)
-
-    def unpack(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Encoding:
-        """The encoding that ``pack`` took apart."""
-        return unpack_encoding(arrays, self.encoder.fingerprint)

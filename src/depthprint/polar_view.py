@@ -12,7 +12,7 @@ from depthprint.projection import LaserRow
 from depthprint.range_image import RangeImage
 from depthprint.settings import PolarSettings
 
-__all__ = ["POLAR_CHANNELS", "polar_view"]
+__all__ = ["POLAR_CHANNELS", "polar_view", "turn_of_shift"]
 
 POLAR_CHANNELS = ("height", "low-count", "high-count", "count", "line-cos", "line-sin")
 # Counts depend on the sensor's resolution; they are brought to those of an image of this many pixels.
@@ -20,6 +20,14 @@ _NOMINAL_PIXELS = 30_000
 _NOMINAL_BEAMS = 360
 # Where the sensor's height is not known, a hand-held or small robot's height is assumed.
 _ASSUMED_HEIGHT_M = 1.2
+
+
+def turn_of_shift(shift: float, sectors: int) -> float:
+    """Turn of T_match_query about 'up', radians, of a query moved by ``shift`` of the ``sectors`` of a full circle.
+
+    Sectors are counted clockwise, and the shift moves the query's.
+    """
+    return -2 * math.pi * shift / sectors
 
 
 def polar_view(

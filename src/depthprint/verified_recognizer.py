@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import SettingsError
+from depthprint.polar_view import turn_of_shift
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
@@ -181,12 +182,12 @@ class VerifiedRecognizer:
         )
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
-        """Turn of the query's points that the inner method's shift means; columns run to the right."""
+        """Turn of the query's points that the inner method's shift means; None where it has none."""
         if view.projection.horizontal_fov_rad < 2 * math.pi - 1e-3:
             return 0.0
         if self._columns is None or match.shift is None:
             return None
-        return -2 * math.pi * match.shift / self._columns
+        return turn_of_shift(match.shift, self._columns)
 
     def _seconded(self, stored: int) -> dict[int, npt.NDArray[np.float64]]:
         """Places next to the matches of the last frames, with the pose found there."""
