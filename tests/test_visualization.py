@@ -113,8 +113,20 @@ def test_flow_is_drawn_and_cannot_exceed_the_weights(tmp_path):
 def test_flow_of_empty_signatures_and_with_costs(tmp_path):
     empty = PlacedClusters(np.ones((10, 10)), np.empty((0, 2)), np.empty(0))
     one = PlacedClusters(np.ones((10, 10)), np.array([[5.0, 5.0]]), np.array([1.0]))
-    picture(draw_flow(empty, one, np.empty((0, 1)), tmp_path / "flow.png"))
+    image = picture(draw_flow(empty, one, np.empty((0, 1)), tmp_path / "flow.png"))
+    assert share_of_color(image, "#0072B2") == 0  # nothing is moved
     picture(draw_flow(one, one, np.ones((1, 1)), tmp_path / "flow.png", costs=np.zeros((1, 1))))
+
+
+def test_clusters_on_one_row_are_drawn_one_image_above_the_other(tmp_path):
+    row = np.stack([np.arange(12.0), np.full(12, 9.5)], axis=1)
+    side = PlacedClusters(GENERATOR.random((20, 12)), row, np.ones(12), "frame")
+    path = draw_flow(side, side, np.eye(12), tmp_path / "flow.png", costs=GENERATOR.random((12, 12)))
+    image = picture(path)
+    blue = np.abs(image.astype(int) - [0xB2, 0x72, 0x00]).max(axis=2) < 12
+    rows = np.flatnonzero(blue.sum(axis=1) > 0.1 * blue.shape[1])
+    assert np.diff(rows).max() > 0.05 * image.shape[0]  # two bands of discs
+    assert share_of_color(image, "#0072B2") > 0.005
 
 
 def test_difference_matrix_shows_what_was_not_compared_in_grey(tmp_path):
@@ -175,7 +187,15 @@ def test_path_shows_each_kind_of_loop_in_its_color(tmp_path):
 
 def test_straight_path_without_loops_is_drawn(tmp_path):
     positions_m = np.stack([np.arange(50.0), np.zeros(50)], axis=1)
-    picture(draw_path(positions_m, PathLoops.without_truth(np.empty((0, 2))), tmp_path / "path.png"))
+    image = picture(draw_path(positions_m, PathLoops.without_truth(np.empty((0, 2))), tmp_path / "path.png"))
+    for color in ("#009E73", "#D55E00"):
+        assert share_of_color(image, color) == 0
+
+
+def test_title_says_simulated_once_and_fits():
+    assert titled("what", "cad51 (simulated)", True) == "what\ncad51 (simulated)"
+    assert titled("what", "cad51", True) == "what\ncad51 (simulated)"
+    assert max(len(line) for line in titled("a word " * 40, "data " * 40, True).split("\n")) <= 68
 
 
 @pytest.mark.parametrize("c", [3, 51])

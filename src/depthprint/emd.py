@@ -33,6 +33,7 @@ __all__ = [
     "emd_from_costs",
     "emd_pairs",
     "emd_pairs_from_costs",
+    "ground_distances",
 ]
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,16 +82,27 @@ def emd(
     """
     ground = GroundDistance() if ground is None else ground
     check_masses(masses)
+    costs = ground_distances(p, q, ground, shift)
+    return emd_from_costs(
+        p.weights, q.weights, costs, masses=masses, null_cost=ground.null_cost, return_flow=return_flow
+    )
+
+
+def ground_distances(
+    p: Signature, q: Signature, ground: GroundDistance, shift: npt.ArrayLike | None = None
+) -> FloatArray:
+    """Ground distances (m, n) between the clusters of p, whose positions are moved by ``shift``, and of q.
+
+    Raises FingerprintError and DataError as `emd`.
+    """
     check_alike(p.fingerprint, p.points.shape[1], q.fingerprint, q.points.shape[1], ground)
     from depthprint._kernels.ground import ground_costs
 
     offset = shift_table(None if shift is None else [shift], ground)[0]
     costs = np.empty((len(p), len(q)))
-    rules = pair_rules(masses, None, ground)
+    rules = pair_rules("null", None, ground)
     ground_costs(p.points.copy(), q.points.T.copy(), len(p), len(q), offset, rules, costs)
-    return emd_from_costs(
-        p.weights, q.weights, costs, masses=masses, null_cost=ground.null_cost, return_flow=return_flow
-    )
+    return costs
 
 
 def emd_from_costs(

@@ -114,7 +114,7 @@ def draw_pair_flow(
     simulated: bool = False,
 ) -> Path:
     """Draw what flows between two images in the first stream, at the shift at which they are nearest."""
-    from depthprint.emd import emd
+    from depthprint.emd import emd, ground_distances
     from depthprint.encoding import ground_distance
     from depthprint.visualization.flow import draw_flow
 
@@ -126,21 +126,16 @@ def draw_pair_flow(
         index = encoder.make_index()
         index.add(encodings[1].signatures)
         offset = shifts[0][index.query(encodings[0].signatures, k=1)[0][2]]
-    result = emd(
-        first,
-        second,
-        masses=stream.masses,
-        ground=ground_distance(stream, encoder.settings),
-        shift=offset,
-        return_flow=True,
-    )
+    ground = ground_distance(stream, encoder.settings)
+    result = emd(first, second, masses=stream.masses, ground=ground, shift=offset, return_flow=True)
+    costs = ground_distances(first, second, ground, offset)
     flow = np.zeros((len(first), len(second))) if result.flow is None else result.flow
     sides = [
         _placed(encoder, image, signature, title)
         for image, signature, title in zip(images, (first, second), titles, strict=True)
     ]
     what = f"view '{stream.view}', EMD {result.value:.3g}"
-    return draw_flow(sides[0], sides[1], flow, path, what=what, data=data, simulated=simulated)
+    return draw_flow(sides[0], sides[1], flow, path, costs=costs, what=what, data=data, simulated=simulated)
 
 
 def _placed(encoder: Encoder, image: RangeImage, signature: Signature, title: str) -> PlacedClusters:

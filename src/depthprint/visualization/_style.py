@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from depthprint.io.atomic import atomic_path
@@ -19,6 +20,8 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 DEPTH_MAP = "viridis_r"
 SHARE_MAP = "Blues"
 BAD_COLOR = "#E8E8E8"
+
+_TITLE_CHARACTERS = 68
 
 _STYLE: dict[str, Any] = {
     "font.size": 11,
@@ -46,6 +49,9 @@ def drawing(path: Path | str, width_in: float, height_in: float) -> Iterator[Fig
 
 
 def titled(what: str, data: str, simulated: bool) -> str:
-    """Title in one form: what is shown, on which data, and that it is simulated where it is."""
-    origin = f"{data} (simulated)" if data and simulated else data or ("simulated" if simulated else "")
-    return f"{what}\n{origin}" if origin else what
+    """Title in one form: what is shown, on which data, and that it is simulated where the name does not say so."""
+    origin = data
+    if simulated and "simulated" not in data:
+        origin = f"{data} (simulated)" if data else "simulated"
+    lines = [*wrap(what, _TITLE_CHARACTERS), *wrap(origin, _TITLE_CHARACTERS)]
+    return "\n".join(lines)

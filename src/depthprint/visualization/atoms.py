@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +15,21 @@ __all__ = ["atom_grid", "draw_atoms"]
 
 FloatArray = npt.NDArray[np.floating]
 
+_ASPECT = 1.5
 
-def atom_grid(atoms: FloatArray, columns: int = 16) -> npt.NDArray[np.float64]:
+
+def atom_grid(atoms: FloatArray, columns: int | None = None) -> npt.NDArray[np.float64]:
     """Lay atoms (k, h, w) or (k, h, w, c) out as one RGB picture, each scaled by its own largest value.
 
     Zero is mid-grey. Three channels are shown as red, green and blue; any other number side by side, in grey.
+    ``columns``: when None, as many as make the picture wider than high, 3 to 2.
     """
     tiles = np.asarray(atoms, dtype=np.float64)
     if tiles.ndim not in (3, 4) or not tiles.size:
         raise DataError(f"atoms: expected shape (k, h, w) or (k, h, w, c), got {tiles.shape}")
     if not np.isfinite(tiles).all():
         raise DataError("atoms: expected finite values")
-    if columns < 1:
+    if columns is not None and columns < 1:
         raise SettingsError(f"atoms: expected at least one column, got {columns}")
     if tiles.ndim == 3:
         tiles = tiles[..., None]
@@ -35,7 +39,9 @@ def atom_grid(atoms: FloatArray, columns: int = 16) -> npt.NDArray[np.float64]:
     if c != 3:
         tiles = np.repeat(tiles.transpose(0, 1, 3, 2).reshape(k, h, c * w, 1), 3, axis=3)
         w = c * w
-    columns = min(columns, k)
+    if columns is None:
+        columns = round(math.sqrt(_ASPECT * k * h / w))
+    columns = min(max(columns, 1), k)
     rows = -(-k // columns)
     gap = max(1, round(min(h, w) / 10))
     picture = np.ones((rows * (h + gap) + gap, columns * (w + gap) + gap, 3))
@@ -47,7 +53,12 @@ def atom_grid(atoms: FloatArray, columns: int = 16) -> npt.NDArray[np.float64]:
 
 
 def draw_atoms(
-    atoms: FloatArray, path: Path | str, *, data: str = "", simulated: bool = False, columns: int = 16
+    atoms: FloatArray,
+    path: Path | str,
+    *,
+    data: str = "",
+    simulated: bool = False,
+    columns: int | None = None,
 ) -> Path:
     """Draw all atoms in their order, row by row, learned from ``data``. Returns the path written."""
     picture = atom_grid(atoms, columns)

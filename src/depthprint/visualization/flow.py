@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ __all__ = ["PlacedClusters", "draw_flow"]
 FloatArray = npt.NDArray[np.float64]
 
 _GAP = 0.25
+_STACKED_WIDTH, _STACKED_GAP = 3.0, 0.5
 _LEAST_SHARE = 0.005
 
 
@@ -62,26 +63,34 @@ def draw_flow(
 ) -> Path:
     """Draw the flow (k, l) as arrows from the clusters of the first image to those of the second.
 
-    The wider an arrow the more it moves; with ``costs`` (k, l) its colour is the ground distance. The area
-    of a disc is its cluster's weight; what no arrow takes or brings is with the null element and is the empty
-    part of the disc. Moves under half a percent of the largest are left out. Returns the path written.
+    The images stand side by side; where all clusters lie on one row each, as the columns of a bird's-eye view do,
+    one stands above the other, with the clusters on the edges that face. The wider an arrow the more it moves;
+    with ``costs`` (k, l) its colour is the ground distance. The area of a disc is its cluster's weight; what no
+    arrow takes or brings is with the null element and is the empty part of the disc. Moves under half a percent
+    of the largest are left out. Returns the path written.
     Raises DataError for flows of another shape, negative, or above the weights.
     """
     flow = _checked_flow(first, second, flow, costs)
-    with drawing(path, 9.0, 4.6) as figure:
+    stacked = _on_one_row(first) and _on_one_row(second)
+    boxes = _stacked_boxes() if stacked else _beside_boxes(first, second)
+    with drawing(path, 9.0, 6.4 if stacked else 4.6) as figure:
         axes = figure.add_subplot()
         scale = max(first.weights.max(initial=0), second.weights.max(initial=0)) or 1.0
-        first_at, width = _draw_side(axes, first, flow.sum(axis=1), 0.0, scale)
-        second_at, _ = _draw_side(axes, second, flow.sum(axis=0), width + _GAP, scale)
-        _draw_arrows(figure, axes, first_at, second_at, flow, costs)
+        places = [_inside(side, box) for side, box in zip((first, second), boxes, strict=True)]
+        if stacked:
+            places[0][:, 1], places[1][:, 1] = boxes[0].bottom, boxes[1].top
+        for side, box, at, moved in zip(
+            (first, second), boxes, places, (flow.sum(axis=1), flow.sum(axis=0)), strict=True
+        ):
+            _draw_picture(axes, side, box, title_beside=stacked)
+            _draw_clusters(axes, at, side.weights, moved, scale)
+        _draw_arrows(figure, axes, *places, flow, costs, bend=0.0 if stacked else -0.08)
         axes.set_axis_off()
         axes.set_aspect("equal")
         axes.autoscale_view()
         moved = flow.sum() / max(first.weights.sum(), second.weights.sum(), 1e-300)
-        note = f"{what}; " if what else ""
-        axes.set_title(
-            titled(f"Flow of two signatures: {note}{moved:.0%} of the larger mass is moved", data, simulated)
-        )
+        note = f"{what}, " if what else ""
+        axes.set_title(titled(f"Mass flow: {note}{moved:.0%} of the mass moved", data, simulated))
     return Path(path)
 
 
@@ -100,30 +109,63 @@ def _checked_flow(first: PlacedClusters, second: PlacedClusters, flow: Any, cost
     return np.asarray(np.maximum(flow, 0.0))
 
 
-def _draw_side(
-    axes: Any, side: PlacedClusters, moved: FloatArray, left: float, scale: float
-) -> tuple[FloatArray, float]:
-    """Draw one image, one unit high; return where its clusters are and how wide it is."""
+class _Box(NamedTuple):
+    """Where an image is drawn, in units of the figure."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+
+def _on_one_row(side: PlacedClusters) -> bool:
+    return len(side.weights) > 1 and bool(np.ptp(side.positions_px[:, 1]) < 1e-6)
+
+
+def _beside_boxes(first: PlacedClusters, second: PlacedClusters) -> tuple[_Box, _Box]:
+    widths = [side.picture.shape[1] / side.picture.shape[0] for side in (first, second)]
+    left = widths[0] + _GAP
+    return _Box(0.0, widths[0], 0.0, 1.0), _Box(left, left + widths[1], 0.0, 1.0)
+
+
+def _stacked_boxes() -> tuple[_Box, _Box]:
+    return _Box(0.0, _STACKED_WIDTH, 1.0 + _STACKED_GAP, 2.0 + _STACKED_GAP), _Box(
+        0.0, _STACKED_WIDTH, 0.0, 1.0
+    )
+
+
+def _inside(side: PlacedClusters, box: _Box) -> FloatArray:
+    """Where the clusters of an image are when it is drawn into a box."""
+    share = (side.positions_px + 0.5) / (side.picture.shape[1], side.picture.shape[0])
+    at = np.stack(
+        [
+            box.left + share[:, 0] * (box.right - box.left),
+            box.top - share[:, 1] * (box.top - box.bottom),
+        ],
+        axis=1,
+    )
+    return np.asarray(at)
+
+
+def _draw_picture(axes: Any, side: PlacedClusters, box: _Box, *, title_beside: bool) -> None:
     from matplotlib import colormaps
 
-    height, columns = side.picture.shape
-    width = columns / height
     known = side.picture[np.isfinite(side.picture)]
     low, high = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
     colors = colormaps["gray_r"].with_extremes(bad=BAD_COLOR)
-    extent = (left, left + width, 0.0, 1.0)
     # twice the span keeps the picture pale, so that discs and arrows stand out
-    axes.imshow(side.picture, cmap=colors, vmin=low, vmax=high + (high - low), extent=extent, aspect="equal")
-    at = np.stack(
-        [left + (side.positions_px[:, 0] + 0.5) / height, 1 - (side.positions_px[:, 1] + 0.5) / height],
-        axis=1,
-    )
+    axes.imshow(side.picture, cmap=colors, vmin=low, vmax=high + (high - low), extent=box)
+    if title_beside:
+        middle = (box.bottom + box.top) / 2
+        axes.text(box.left - 0.04, middle, side.title, ha="right", va="center", rotation=90)
+    else:
+        axes.text((box.left + box.right) / 2, box.bottom - 0.04, side.title, ha="center", va="top")
+
+
+def _draw_clusters(axes: Any, at: FloatArray, weights: FloatArray, moved: FloatArray, scale: float) -> None:
     area = 420.0 / scale
-    axes.scatter(*at.T, s=area * side.weights, facecolor="white", edgecolor="black", lw=1.0, zorder=3)
-    axes.scatter(*at.T, s=area * np.minimum(moved, side.weights), color=COLORS[0], lw=0, zorder=4)
-    if side.title:
-        axes.text(left + width / 2, -0.04, side.title, ha="center", va="top")
-    return np.asarray(at), float(width)
+    axes.scatter(*at.T, s=area * weights, facecolor="white", edgecolor="black", lw=1.0, zorder=6)
+    axes.scatter(*at.T, s=area * np.minimum(moved, weights), color=COLORS[0], lw=0, zorder=7)
 
 
 def _draw_arrows(
@@ -133,6 +175,8 @@ def _draw_arrows(
     second_at: FloatArray,
     flow: FloatArray,
     costs: FloatArray | None,
+    *,
+    bend: float,
 ) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -154,7 +198,7 @@ def _draw_arrows(
                 second_at[j],
                 arrowstyle="-|>",
                 mutation_scale=10,
-                connectionstyle="arc3,rad=-0.08",
+                connectionstyle=f"arc3,rad={bend}",
                 lw=0.4 + 4.0 * flow[i, j] / largest,
                 color=COLORS[1] if costs is None else colors.to_rgba(np.asarray(costs)[i, j]),
                 alpha=0.75,
