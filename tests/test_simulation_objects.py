@@ -10,15 +10,8 @@ import pytest
 
 from depthprint.errors import SettingsError
 from depthprint.projection import Pinhole
-from depthprint.simulation.objects import (
-    CAMERA,
-    _extent,
-    _grow,
-    _orbit,
-    _Proportions,
-    _window,
-    simulated_objects,
-)
+from depthprint.simulation.object_shapes import Proportions, _extent, grow
+from depthprint.simulation.objects import CAMERA, _orbit, _window, simulated_objects
 
 
 @pytest.fixture(scope="module")
@@ -141,4 +134,4 @@ def test_view_of_another_set_is_refused(objects):
 
 def _grown(category: int, instance: int):
     grammar = np.random.default_rng([5, category])
-    return _grow(_Proportions(grammar, np.random.default_rng([5, category, instance])))
+    return grow(Proportions(grammar, np.random.default_rng([5, category, instance])))

@@ -84,7 +84,7 @@ def draw_flow(
         ):
             _draw_picture(axes, side, box, title_beside=stacked)
             _draw_clusters(axes, at, side.weights, moved, scale)
-        _draw_arrows(figure, axes, *places, flow, costs, bend=0.0 if stacked else -0.08)
+        _draw_arrows(figure, axes, places[0], places[1], flow, costs, bend=0.0 if stacked else -0.08)
         axes.set_axis_off()
         axes.set_aspect("equal")
         axes.autoscale_view()
