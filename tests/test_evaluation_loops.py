@@ -162,7 +162,7 @@ def test_terminal_table_names_the_data_and_says_simulated():
     console.print(results_table(report))
     console.file.close()
     text = console.export_text()
-    for part in ("two laps", "simulated", "R@100P", "1.000", "20 positive queries", "[1.000, 1.000]"):
+    for part in ("two laps", "simulated", "R@100P", "1.000", "20 positive queries", "1.00-1.00"):
         assert part in text
 
 

@@ -11,7 +11,12 @@ import numpy.typing as npt
 from depthprint.errors import DataError
 from depthprint.range_image import RangeImage
 
-__all__ = ["LoopTruth", "ObjectSet", "ObjectView", "RangeSequence"]
+__all__ = ["LoopTruth", "ObjectSet", "ObjectView", "RangeSequence", "name_and_kind"]
+
+
+def name_and_kind(name: str, simulated: bool) -> str:
+    """The name of some data, and that its depth is simulated where the name does not say so itself."""
+    return f"{name} (simulated)" if simulated and "simulated" not in name else name
 
 
 @dataclass(frozen=True)

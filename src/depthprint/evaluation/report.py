@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from depthprint.datasets.base import name_and_kind
 from depthprint.errors import DataError
 from depthprint.evaluation.loops import LOOP_PROTOCOL, LoopEvaluation, MethodLoops
 from depthprint.evaluation.metrics import LoopMetrics
@@ -151,20 +152,23 @@ def metric_rows(report: Report) -> tuple[list[str], list[list[Any]]]:
 
 def results_table(report: Report) -> Table:
     """Draw a report for the terminal, the best figure of each column bold; intervals below their figure."""
+    from rich import box
     from rich.table import Table
 
     methods = _methods(report)
     first = next(iter(methods.values()))
     shown = [name for name in _SHORT if name in first]
-    kind = "simulated" if report["simulated"] else "real"
+    data = name_and_kind(report["data"], report["simulated"])
     counts = ", ".join(f"{value} {name.replace('_', ' ')}" for name, value in report["counts"].items())
     table = Table(
-        title=f"{report['data']} ({kind} depth): {report['protocol']}",
-        caption=f"{counts}\ntruth: {report['truth']}; seed {report['seed']}; brackets: bootstrap 95 %",
+        title=f"{data}: {report['protocol']}",
+        caption=f"{counts}\ntruth: {report['truth']}; seed {report['seed']}; ranges: bootstrap 95 %",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
     )
-    table.add_column("method", no_wrap=True)
+    table.add_column("method", overflow="fold")
     for metric in shown:
-        table.add_column(_SHORT[metric], justify="right")
+        table.add_column(_SHORT[metric], justify="right", no_wrap=True)
     best = {metric: _best(metric, [figures[metric] for figures in methods.values()]) for metric in shown}
     for name, figures in methods.items():
         intervals = figures.get("intervals", {})
@@ -223,5 +227,5 @@ def _cell(
     if best is not None and value == best:
         text = f"[bold]{text}[/bold]"
     if interval is not None and all(end is not None and math.isfinite(end) for end in interval):
-        text += f"\n\\[{interval[0]:.3f}, {interval[1]:.3f}]"
+        text += f"\n{interval[0]:.2f}-{interval[1]:.2f}"
     return text

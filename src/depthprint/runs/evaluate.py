@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from depthprint.datasets.base import name_and_kind
 from depthprint.errors import DataError, SettingsError
 from depthprint.range_image import RangeImage
 from depthprint.runs.loops import truth_with_gap
@@ -114,10 +115,10 @@ def best_in_words(results: dict[str, Any], metric: str, words: str, data: str) -
         for name, figures in results["methods"].items()
         if figures[metric] == figures[metric]
     }
+    where = name_and_kind(data, results["simulated"])
     if not scored:
-        return f"On {data} there is nothing to score: no place is visited twice."
+        return f"On {where} there is nothing to score: no place is visited twice."
     best = max(scored, key=lambda name: scored[name])
-    kind = "simulated" if results["simulated"] else "recorded"
     if len(scored) == 1:
-        return f"On {data} ({kind}), {best} reaches {words} {scored[best]:.3f}."
-    return f"On {data} ({kind}), {best} has the highest {words} of {len(scored)} methods: {scored[best]:.3f}."
+        return f"On {where}, {best} reaches {words} {scored[best]:.3f}."
+    return f"On {where}, {best} has the highest {words} of {len(scored)} methods: {scored[best]:.3f}."

@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from depthprint.datasets.base import name_and_kind
 from depthprint.io.atomic import atomic_path
 
 if TYPE_CHECKING:
@@ -49,9 +50,7 @@ def drawing(path: Path | str, width_in: float, height_in: float) -> Iterator[Fig
 
 
 def titled(what: str, data: str, simulated: bool) -> str:
-    """Title in one form: what is shown, on which data, and that it is simulated where the name does not say so."""
-    origin = data
-    if simulated and "simulated" not in data:
-        origin = f"{data} (simulated)" if data else "simulated"
+    """Title in one form: what is shown, on which data, and that it is simulated where it is."""
+    origin = name_and_kind(data, simulated) if data else "simulated" * simulated
     lines = [*wrap(what, _TITLE_CHARACTERS), *wrap(origin, _TITLE_CHARACTERS)]
     return "\n".join(lines)
