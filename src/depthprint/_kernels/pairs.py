@@ -11,7 +11,7 @@ from numba import njit, prange
 
 from depthprint._kernels.dual_bound import work_limit
 from depthprint._kernels.ground import PairRules, Side, ground_costs
-from depthprint._kernels.relaxation import normalise, relaxed_work
+from depthprint._kernels.relaxation import normalise, reduced_work
 from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
 __all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
@@ -30,43 +30,20 @@ def _pair(
     b: int,
     shift: FloatArray,
     above: float,
-    relaxed: bool,
     rules: PairRules,
     ints: IntArray,
     icost: IntArray,
     cost: FloatArray,
     minima: FloatArray,
 ) -> tuple[float, int, bool]:
-    """(distance, status, solved): inf and not solved where a bound is over ``above``.
-
-    With ``relaxed`` the relaxed bound is looked at first, else only the bounds on the way of the solver.
-    """
+    """(distance, status, solved): inf and not solved where a bound is over ``above``."""
     if left.masses[a] <= 0.0 or right.masses[b] <= 0.0:
         k_p, k_q = left.complexity[a], right.complexity[b]
         return normalise(k_p + k_q, k_p, k_q, rules.form), OPTIMAL, False
     m, n = left.counts[a], right.counts[b]
     ground_costs(left.points[a], right.points[b], m, n, shift, rules, cost)
-    if relaxed and above < np.inf:
-        for j in range(n):
-            minima[1, j] = np.inf
-        for i in range(m):
-            least = np.inf
-            for j in range(n):
-                c = cost[i, j]
-                least = min(least, c)
-                minima[1, j] = min(minima[1, j], c)
-            minima[0, i] = least
-        bound = relaxed_work(
-            left.weights[a],
-            left.masses[a],
-            m,
-            right.weights[b],
-            right.masses[b],
-            n,
-            minima[0],
-            minima[1],
-            rules,
-        )
+    if above < np.inf:
+        bound = reduced_work(left, a, right, b, cost, m, n, minima, rules)
         if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * _ROUNDING:
             return np.inf, OPTIMAL, False
     limit = np.inf
@@ -106,7 +83,7 @@ def difference_tasks(
             best = np.inf
             for s in range(len(shifts)):
                 value, code, _ = _pair(
-                    left, i, right, j, shifts[s], min(best, below), True, rules, ints, icost, cost, minima
+                    left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
                 )
                 if code != OPTIMAL:
                     status[t] = code
@@ -145,7 +122,6 @@ def pair_distances(
             candidates[t],
             shifts[chosen[t]],
             above[t],
-            False,
             rules,
             ints,
             icost,
@@ -171,7 +147,7 @@ def aligned_pairs(
     minima = np.empty((2, max(k_p, k_q)))
     for i in range(count):
         distances[i], status[i], _ = _pair(
-            left, i, right, i, shift, np.inf, False, rules, ints, icost, cost, minima
+            left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima
         )
     return distances, status
 
