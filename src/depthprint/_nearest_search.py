@@ -66,8 +66,8 @@ class NearestSearch:
             return self._best
         self._prepare()
         blocks = self._block_bounds()
-        wanted = _SEED_BLOCKS + k // ITEMS_PER_BLOCK
-        seeds = self._members(np.argpartition(blocks, wanted)[:wanted] if wanted < len(blocks) else np.arange(len(blocks)))
+        wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
+        seeds = self._members(np.argpartition(blocks, wanted - 1)[:wanted])
         parts = self._swept_parts(seeds)
         bounds: FloatArray = np.sum(parts, axis=0)
         chosen = np.argsort(bounds, kind="stable")[: max(k, _FIRST_BATCH)]
@@ -206,7 +206,11 @@ class NearestSearch:
         return result
 
     def _summaries_usable(self) -> bool:
-        """Whether float32 holds everything that the cheap bounds add up."""
+        """Whether there are appearances, and float32 holds everything that the cheap bounds add up."""
+        if any(
+            store.dims == rules.position_dims for store, rules in zip(self._stores, self._rules, strict=True)
+        ):
+            return False
         for s, store in enumerate(self._stores):
             side, ground = self._sides[s], self._streams[s].ground
             mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))

@@ -12,7 +12,14 @@ from depthprint.signature import GroundDistance
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
 
-__all__ = ["ITEMS_PER_BLOCK", "ITEMS_PER_GROUP", "SignatureStore", "float32_holds", "summary_slack", "summary_vectors"]
+__all__ = [
+    "ITEMS_PER_BLOCK",
+    "ITEMS_PER_GROUP",
+    "SignatureStore",
+    "float32_holds",
+    "summary_slack",
+    "summary_vectors",
+]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
@@ -28,8 +35,9 @@ class SignatureStore:
     """Items 0..count-1. Numbers that float32 holds without loss are kept in float32, else all in float64.
 
     Points (groups, k, dims, ITEMS_PER_GROUP) and weights (groups, k, ITEMS_PER_GROUP) lie as
-    `depthprint._kernels.sweep` reads them: the same number of neighbouring items side by side. The arrays may have spare rows beyond ``count``. Adding costs amortised constant time; large
-    arrays grow by a small share in place, so that memory stays near what the items need.
+    `depthprint._kernels.sweep` reads them: the same number of neighbouring items side by side. The arrays may
+    have spare rows beyond ``count``. Adding costs amortised constant time; large arrays grow by a small share
+    in place, so that memory stays near what the items need.
     """
 
     def __init__(self, fingerprint: str, dims: int, ground: GroundDistance) -> None:

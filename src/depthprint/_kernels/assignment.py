@@ -95,8 +95,9 @@ def assign(
 ) -> int:
     """Columns of least total cost for the rows into column_of[:rows]; CERTIFIED where the duals certify it.
 
-    GIVEN_UP where the duals on the way show that the total is over ``limit``. rows <= columns; costs (rows, columns) >= 0 whose sum along any path stays under 2**60; ``work`` has eight
-    rows of at least ``columns`` numbers each.
+    GIVEN_UP where the duals on the way show that the total is over ``limit``. rows <= columns; costs
+    (rows, columns) >= 0 whose sum along any path stays under 2**60; ``work`` has eight rows of at least
+    ``columns`` numbers each.
     """
     price, hidden, distance, from_row = work[0], work[1], work[2], work[3]
     row_of, path, path_distance, free = work[4], work[5], work[6], work[7]

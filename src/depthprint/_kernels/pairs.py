@@ -146,9 +146,7 @@ def aligned_pairs(
     cost = np.empty((k_p, k_q))
     minima = np.empty((2, max(k_p, k_q)))
     for i in range(count):
-        distances[i], status[i], _ = _pair(
-            left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima
-        )
+        distances[i], status[i], _ = _pair(left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima)
     return distances, status
 
 

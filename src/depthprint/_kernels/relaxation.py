@@ -64,7 +64,15 @@ def relaxed_work(
 
 @njit(cache=True, nogil=True)
 def reduced_work(
-    left: Side, a: int, right: Side, b: int, cost: FloatArray, m: int, n: int, minima: FloatArray, rules: PairRules
+    left: Side,
+    a: int,
+    right: Side,
+    b: int,
+    cost: FloatArray,
+    m: int,
+    n: int,
+    minima: FloatArray,
+    rules: PairRules,
 ) -> float:
     """Lower bound of the EMD of left[a] and right[b] at cost[:m, :n], less what rounding may have added.
 
@@ -82,10 +90,11 @@ def reduced_work(
             columns[j] = min(columns[j], c)
         rows[i] = least
     if not rules.balance and left.masses[a] != right.masses[b]:
-        return relaxed_work(
+        fallback: float = relaxed_work(
             weights_p, left.masses[a], m, weights_q, right.masses[b], n, rows, columns, rules
         )
-    from_columns = 0.0
+        return fallback
+    from_columns: float = 0.0
     for j in range(n):
         from_columns += weights_q[j] * columns[j]
     for i in range(m):
@@ -102,7 +111,7 @@ def reduced_work(
             columns[j] = min(columns[j], cost[i, j] - rows[i])
     for j in range(n):
         from_rows += weights_q[j] * columns[j]
-    bound = max(from_rows, from_columns) * _SHRINK - _MASS_ROUNDING * left.masses[a] * rules.cap
+    bound: float = max(from_rows, from_columns) * _SHRINK - _MASS_ROUNDING * left.masses[a] * rules.cap
     if rules.divide:
         bound /= min(left.masses[a], right.masses[b])
     return bound

@@ -14,7 +14,7 @@ from numba import njit, prange
 
 from depthprint._kernels.ground import PairRules
 from depthprint._kernels.relaxation import normalise, relaxed_work
-from depthprint._kernels.tiles import LANES, TILE_ROWS, meet_column
+from depthprint._kernels.tiles import LANES, TILE_ROWS, load_column, meet_column
 
 __all__ = ["QueryTiles", "gather_items", "sweep_bounds", "tile_query"]
 
@@ -64,24 +64,18 @@ def tile_query(
 
 
 @njit(cache=True, nogil=True)
-def _load_column(points: Any, j: int, q: Float32Array, q_halves: Float32Array) -> None:
-    for x in range(LANES):
-        q_halves[x] = 0.0
-    for k in range(len(q)):
-        for x in range(LANES):
-            value = np.float32(points[j, k, x])
-            q[k, x] = value
-            q_halves[x] -= np.float32(0.5) * value * value
-
-
-@njit(cache=True, nogil=True)
 def _least_distances(halves: Float32Array, query: QueryTiles, cap: float) -> None:
-    """Largest -d^2 / 2 become lower bounds of the least min(d, cap), in place (rows, LANES)."""
-    for i in range(len(halves)):
-        for x in range(LANES):
-            square = np.float32(-2.0) * halves[i, x] - np.float32(query.slack_squared)
-            least = np.sqrt(max(square, np.float32(0.0))) * np.float32(1.0 - 5e-7) - np.float32(query.slack)
-            halves[i, x] = min(max(least, np.float32(0.0)), np.float32(cap * (1.0 - 1e-7)))
+    """Largest -d^2 / 2 become lower bounds of the least min(d, cap), in place; one long loop over all."""
+    two, zero, shrink = np.float32(2.0), np.float32(0.0), np.float32(1.0 - 5e-7)
+    slack_squared, slack = np.float32(query.slack_squared), np.float32(query.slack)
+    most = np.float32(cap * (1.0 - 1e-7))
+    values = halves.reshape(halves.size)
+    for x in range(len(values)):
+        square = -two * values[x] - slack_squared
+        square = square if square > zero else zero
+        least = np.sqrt(square) * shrink - slack
+        least = least if least > zero else zero
+        values[x] = least if least < most else most
 
 
 @njit(cache=True, parallel=True)
@@ -105,7 +99,10 @@ def sweep_bounds(
     m, k_q = len(query.weights), points.shape[1]
     for task in prange((len(groups) + _GROUPS_PER_TASK - 1) // _GROUPS_PER_TASK):
         q, q_halves = np.empty((dims, LANES), np.float32), np.empty(LANES, np.float32)
-        tile_rows, columns = np.empty((tiles, TILE_ROWS, LANES), np.float32), np.empty((k_q, LANES), np.float32)
+        tile_rows, columns = (
+            np.empty((tiles, TILE_ROWS, LANES), np.float32),
+            np.empty((k_q, LANES), np.float32),
+        )
         rows = tile_rows.reshape(tiles * TILE_ROWS, LANES)
         from_query, from_item = np.empty(LANES), np.empty(LANES)
         minima = np.empty((2, max(m, k_q)))
@@ -117,7 +114,7 @@ def sweep_bounds(
             rows[:] = _FARTHEST
             columns[:widest] = _FARTHEST
             for j in range(widest):
-                _load_column(points[groups[g]], j, q, q_halves)
+                load_column(points, groups[g], j, q, q_halves)
                 for x in range(present):
                     if j >= counts[first + x]:
                         q_halves[x] = _FAR
@@ -149,7 +146,15 @@ def sweep_bounds(
                             minima[1, j] = columns[j, x]
                             weights_q[j] = weights[groups[g], j, x]
                         emd = relaxed_work(
-                            query.weights, query.mass, m, weights_q, masses[item], n, minima[0], minima[1], rules
+                            query.weights,
+                            query.mass,
+                            m,
+                            weights_q,
+                            masses[item],
+                            n,
+                            minima[0],
+                            minima[1],
+                            rules,
                         )
                 out[g, x] = normalise(emd, query.complexity, complexities[item], rules.form)
     return out

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["LANES", "TILE_ROWS", "meet_column"]
+__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column"]
 
 LANES = 16
 TILE_ROWS = 7
@@ -23,9 +23,28 @@ _LANES = ir.VectorType(_FLOAT, LANES)
 _INT32 = ir.IntType(32)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
+def load_column(typingctx: Any, points: Any, group: Any, j: Any, q: Any, q_halves: Any) -> Any:
+    """Column j of a group of points (groups, columns, d, LANES) into q and q_halves, as `meet_column` takes them.
+
+    Reads as many coordinates as q has. The points may be float32 or float64.
+    """
+    del typingctx
+    return types.void(points, group, j, q, q_halves), _emit_load
+
+
+@intrinsic
 def meet_column(
-    typingctx: Any, p: Any, p_halves: Any, tile: Any, q: Any, q_halves: Any, dims: Any, rows: Any, column: Any, j: Any
+    typingctx: Any,
+    p: Any,
+    p_halves: Any,
+    tile: Any,
+    q: Any,
+    q_halves: Any,
+    dims: Any,
+    rows: Any,
+    column: Any,
+    j: Any,
 ) -> Any:
     """Take -|p - q|^2 / 2 of the points of a tile and column j of LANES items into the largest of each so far.
 
@@ -34,11 +53,54 @@ def meet_column(
     where larger. All float32 and contiguous; nothing is checked.
     """
     del typingctx
-    signature = types.void(p, p_halves, tile, q, q_halves, dims, rows, column, j)
-    return signature, _emit
+    return types.void(p, p_halves, tile, q, q_halves, dims, rows, column, j), _emit_meeting
 
 
-def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _fused(builder: Any) -> Any:
+    signature = ir.FunctionType(_LANES, [_LANES] * 3)
+    return cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.v{LANES}f32")
+
+
+def _vector(builder: Any, pointer: Any) -> Any:
+    return builder.bitcast(pointer, _LANES.as_pointer())
+
+
+def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    points, q, q_halves = (
+        context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 3, 4)
+    )
+    _, group, j, _, _ = arguments
+    size = group.type
+    double = signature.args[0].dtype == types.float64
+    stored = ir.VectorType(ir.DoubleType(), LANES) if double else _LANES
+    _, columns, coordinates, _ = cgutils.unpack_tuple(builder, points.shape)
+    dims, _ = cgutils.unpack_tuple(builder, q.shape)
+    first = builder.mul(builder.add(builder.mul(group, columns), j), coordinates)
+    before = builder.block
+    loop = builder.append_basic_block("load")
+    after = builder.append_basic_block("loaded")
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    k, total = builder.phi(size), builder.phi(_LANES)
+    source = builder.gep(points.data, [builder.mul(builder.add(first, k), size(LANES))])
+    values = builder.load(builder.bitcast(source, stored.as_pointer()), align=4)
+    if double:
+        values = builder.fptrunc(values, _LANES)
+    target = _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))]))
+    builder.store(values, target, align=4)
+    following, squares = builder.add(k, size(1)), builder.call(_fused(builder), [values, values, total])
+    builder.cbranch(builder.icmp_signed("<", following, dims), loop, after)
+    k.add_incoming(size(0), before)
+    k.add_incoming(following, loop)
+    total.add_incoming(_LANES([0.0] * LANES), before)
+    total.add_incoming(squares, loop)
+    builder.position_at_end(after)
+    halves = builder.fmul(squares, _LANES([-0.5] * LANES))
+    builder.store(halves, _vector(builder, q_halves.data), align=4)
+    return context.get_dummy_value()
+
+
+def _emit_meeting(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     arrays = {0, 1, 3, 4, 6, 7}
     p, p_halves, tile, q, q_halves, dims, rows, column, j = (
         context.make_array(signature.args[k])(context, builder, value).data if k in arrays else value
@@ -53,7 +115,7 @@ def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.mul(x, ir.Constant(size, constant))
 
     def vector(pointer: Any) -> Any:
-        return builder.bitcast(pointer, _LANES.as_pointer())
+        return _vector(builder, pointer)
 
     def spread(pointer: Any) -> Any:
         first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), builder.load(pointer), _INT32(0))
@@ -62,9 +124,7 @@ def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     def larger(x: Any, y: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", x, y), x, y)
 
-    fused = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(_LANES, [_LANES] * 3), f"llvm.fmuladd.v{LANES}f32"
-    )
+    fused = _fused(builder)
     p = at(p, builder.mul(times(tile, TILE_ROWS), dims))
     p_halves = at(p_halves, times(tile, TILE_ROWS))
     rows = at(rows, times(tile, TILE_ROWS * LANES))

@@ -118,7 +118,17 @@ def solve_transport(
     if all_equal(mass, rows + columns) and rows > 0 and columns > 0:
         extra = np.float64(abs(surplus)) * surplus_cost
         work, status = transport_units(
-            rows, columns, mass[0], index, cost, icost, parent, order, flow, ints[_ORDER:], limit * s1 * s2 - extra
+            rows,
+            columns,
+            mass[0],
+            index,
+            cost,
+            icost,
+            parent,
+            order,
+            flow,
+            ints[_ORDER:],
+            limit * s1 * s2 - extra,
         )
         if status == GIVEN_UP:
             return np.inf, ABANDONED, rows, columns, exponent
