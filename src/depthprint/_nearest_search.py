@@ -33,6 +33,7 @@ _ROUNDING = 1.0 + 1e-12
 _FIRST_BATCH, _LARGEST_BATCH = 4, 64
 _SEED_BLOCKS = 2
 _FEW = 64
+_PAIRS_ON_ONE_THREAD = 16
 _FIRST_ROUND = 64
 _ITEMS_PER_SCAN = 4096
 
@@ -175,8 +176,6 @@ class NearestSearch:
         above: FloatArray,
     ) -> FloatArray:
         """Exact combined distances of items[rows]; inf where streams solved so far put a pair over ``above``."""
-        from depthprint._kernels.pairs import pair_distances
-
         total = np.zeros(len(rows))
         rest = np.sum([part[rows, shifts] for part in parts], axis=0)
         alive = np.arange(len(rows))
@@ -187,16 +186,9 @@ class NearestSearch:
             weight = self._streams[s].weight
             others = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
             spare = above[alive] * _ROUNDING - total[alive] - others
-            values, status, solved = pair_distances(
-                self._sides[s],
-                store.gather(items[r]),
-                np.arange(len(r)),
-                shift,
-                spare / weight if weight > 0 else np.full(len(r), np.inf),
-                self._shifts[s],
-                self._rules[s],
+            values, solved = self._solve(
+                s, items[r], shift, spare / weight if weight > 0 else np.full(len(r), np.inf)
             )
-            check_status(status)
             self.emds_solved += int(solved.sum())
             total[alive] += weight * values
             rest[alive] = others
@@ -204,6 +196,21 @@ class NearestSearch:
         result = np.full(len(rows), np.inf)
         result[alive] = total[alive]
         return result
+
+    def _solve(self, s: int, items: IntArray, shifts: IntArray, above: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Distances of one stream, inf where over ``above``, and which of them took an EMD."""
+        from depthprint._kernels.pairs import pair_distances, solve_run
+
+        side, others, count = self._sides[s], self._stores[s].gather(items), len(items)
+        if count > _PAIRS_ON_ONE_THREAD:
+            values, status, solved = pair_distances(side, others, shifts, above, self._shifts[s], self._rules[s])
+        else:  # other threads would take longer to wake up
+            values, status, solved = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
+            solve_run(
+                side, others, 0, count, shifts, above, self._shifts[s], self._rules[s], values, status, solved
+            )
+        check_status(status)
+        return values, solved
 
     def _summaries_usable(self) -> bool:
         """Whether there are appearances, and float32 holds everything that the cheap bounds add up."""

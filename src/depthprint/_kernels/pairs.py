@@ -14,11 +14,12 @@ from depthprint._kernels.ground import PairRules, Side, ground_costs
 from depthprint._kernels.relaxation import normalise, reduced_work
 from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
-__all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
+__all__ = ["difference_tasks", "pair_distances", "solve_many", "solve_run"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
+_PAIRS_PER_TASK = 4
 _ROUNDING = 1.0 + 1e-12  # a bound computed in floating point may exceed the distance by its rounding
 
 
@@ -96,58 +97,53 @@ def difference_tasks(
 def pair_distances(
     left: Side,
     right: Side,
-    candidates: IntArray,
     chosen: IntArray,
     above: FloatArray,
     shifts: FloatArray,
     rules: PairRules,
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved).
+    """Exact distances of left[0] to right[t] at shifts[chosen[t]]: (distance, status, solved).
 
-    inf and not solved where the solver's own bound shows that a distance is over its ``above``.
+    inf and not solved where a bound shows that a distance is over its ``above``.
     """
-    count = len(candidates)
+    count = len(right.counts)
     distances = np.empty(count)
     status = np.zeros(count, np.int64)
     solved = np.zeros(count, np.int64)
-    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
-    for t in prange(count):
-        ints, icost = make_scratch(k_p, k_q)
-        cost = np.empty((k_p, k_q))
-        minima = np.empty((2, max(k_p, k_q)))
-        value, code, was_solved = _pair(
-            left,
-            0,
-            right,
-            candidates[t],
-            shifts[chosen[t]],
-            above[t],
-            rules,
-            ints,
-            icost,
-            cost,
-            minima,
-        )
-        distances[t] = value
-        status[t] = code
-        solved[t] = 1 if was_solved else 0
+    tasks = (count + _PAIRS_PER_TASK - 1) // _PAIRS_PER_TASK
+    for task in prange(tasks):
+        first, last = task * _PAIRS_PER_TASK, min(count, (task + 1) * _PAIRS_PER_TASK)
+        solve_run(left, right, first, last, chosen, above, shifts, rules, distances, status, solved)
     return distances, status, solved
 
 
 @njit(cache=True, nogil=True)
-def aligned_pairs(
-    left: Side, right: Side, shift: FloatArray, rules: PairRules
-) -> tuple[FloatArray, IntArray]:
-    """(distance, status) of left[i] to right[i], one after the other on the calling thread."""
-    count = len(left.counts)
-    distances, status = np.empty(count), np.zeros(count, np.int64)
+def solve_run(
+    left: Side,
+    right: Side,
+    first: int,
+    last: int,
+    chosen: IntArray,
+    above: FloatArray,
+    shifts: FloatArray,
+    rules: PairRules,
+    distances: FloatArray,
+    status: IntArray,
+    solved: IntArray,
+) -> None:
+    """Pairs first..last-1 of right with the only one of left, or with those of left, on the calling thread."""
     k_p, k_q = left.weights.shape[1], right.weights.shape[1]
     ints, icost = make_scratch(k_p, k_q)
     cost = np.empty((k_p, k_q))
     minima = np.empty((2, max(k_p, k_q)))
-    for i in range(count):
-        distances[i], status[i], _ = _pair(left, i, right, i, shift, np.inf, rules, ints, icost, cost, minima)
-    return distances, status
+    alone = len(left.counts) == 1
+    for t in range(first, last):
+        value, code, was_solved = _pair(
+            left, 0 if alone else t, right, t, shifts[chosen[t]], above[t], rules, ints, icost, cost, minima
+        )
+        distances[t] = value
+        status[t] = code
+        solved[t] = 1 if was_solved else 0
 
 
 @njit(cache=True, nogil=True)
