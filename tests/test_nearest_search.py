@@ -74,7 +74,7 @@ def test_search_solves_a_small_share_on_a_drive(period: float | None) -> None:
         assert_exact(index, (items[number],), 600)
         index.query((items[number],), limit=600)
         assert index.statistics.emds_solved < 20
-        assert index.statistics.bounds < 600
+        assert index.statistics.bounds < 900  # of 600 items and 3 shifts
 
 
 def test_every_bound_is_under_the_exact_distance() -> None:
@@ -90,15 +90,15 @@ def test_every_bound_is_under_the_exact_distance() -> None:
             exact = index.distances((query,))
             side = side_arrays(SignatureBatch.stack([query]), masses, ground, right=False)
             search = NearestSearch([stream], index._shifts, index._stores, [side], len(index))
-            search._summarise()
+            search._prepare()
             everything = np.arange(len(index))
             blocks = search._block_bounds()[everything // 32]
             summary = search._item_bounds(everything)
-            reduced = search._reduced_bounds(everything, np.inf)
+            swept = search._swept_parts(everything)[0]
             assert (blocks <= summary + 1e-6).all()
-            for bound in (blocks, summary, reduced):
+            for bound in (blocks, summary, swept):
                 assert (bound <= exact * (1 + 1e-12)).all()
-            assert (reduced > 0.3 * exact).mean() > 0.5
+            assert (swept > 0.3 * exact).mean() > 0.5
 
 
 @settings(max_examples=25, deadline=None)
@@ -121,7 +121,8 @@ def test_items_that_float32_holds_take_half_the_memory_and_lose_nothing() -> Non
     index.extend([SignatureBatch.stack(coarse)])
     small = index.nbytes
     stored = index._stores[0].points
-    np.testing.assert_array_equal(stored[9, :, : len(coarse[9])], coarse[9].points.T)
+    assert stored.dtype == np.float32
+    np.testing.assert_array_equal(stored[0, : len(coarse[9]), :, 9], coarse[9].points)
     index.add((fine[0],))
     assert index.nbytes > 1.8 * small
     for number, item in enumerate([*coarse, fine[0]]):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from depthprint._pairs import check_status, pair_rules
 from depthprint._signature_store import (
     ITEMS_PER_BLOCK,
+    ITEMS_PER_GROUP,
     SignatureStore,
     float32_holds,
     summary_slack,
@@ -19,6 +20,7 @@ from depthprint._signature_store import (
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
+    from depthprint._kernels.sweep import QueryTiles
     from depthprint.signature_index import StreamDistance
 
 __all__ = ["NearestSearch"]
@@ -28,10 +30,11 @@ IntArray = npt.NDArray[np.int64]
 
 # Bounds are sums in floating point; nothing within rounding of the k-th best is dismissed.
 _ROUNDING = 1.0 + 1e-12
-_FIRST_BATCH, _LARGEST_BATCH = 4, 32
-_SEEDS = 64
-_FIRST_LOOK = 12
-_ITEMS_PER_ROUND = 256
+_FIRST_BATCH, _LARGEST_BATCH = 4, 64
+_SEED_BLOCKS = 2
+_FEW = 64
+_PAIRS_ON_ONE_THREAD = 16
+_FIRST_ROUND = 64
 _ITEMS_PER_SCAN = 4096
 
 
@@ -59,26 +62,26 @@ class NearestSearch:
 
     def nearest(self, k: int) -> dict[int, tuple[float, int]]:
         """Best (distance, shift) of items, the k nearest certainly among them."""
-        if self.count <= max(k, _SEEDS) or not self._summaries_usable():
-            self._decide(np.arange(self.count), np.zeros(self.count), k)
+        if self.count <= max(k, _FEW) or not self._summaries_usable():
+            self._decide(np.arange(self.count), np.zeros(self.count), None, k)
             return self._best
-        self._summarise()
+        self._prepare()
         blocks = self._block_bounds()
-        order = np.argsort(blocks, kind="stable")
-        wanted = max(k, _SEEDS)
-        near = order[: 1 + -(-wanted // ITEMS_PER_BLOCK)]
-        seeds = self._members(near)
-        bounds = self._item_bounds(seeds)
-        chosen = np.argsort(bounds, kind="stable")[: max(k, _SEEDS // 4)]
-        self._decide(seeds[chosen], bounds[chosen], k)
-        tried = np.sort(seeds[chosen])
+        wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
+        seeds = self._members(np.argpartition(blocks, wanted - 1)[:wanted])
+        parts = self._swept_parts(seeds)
+        bounds: FloatArray = np.sum(parts, axis=0)
+        chosen = np.argsort(bounds, kind="stable")[: max(k, _FIRST_BATCH)]
+        tried = seeds[chosen]
+        self._decide(tried, bounds[chosen], [part[chosen] for part in parts], k)
         items = self._members(np.flatnonzero(blocks <= self._threshold(k)))
-        bounds = self._item_bounds(items)
-        kept = bounds <= self._threshold(k)
-        kept &= ~np.isin(items, tried)
-        items, bounds = items[kept], bounds[kept]
-        order = np.argsort(bounds, kind="stable")
-        self._narrow(items[order], bounds[order], k)
+        items = items[self._item_bounds(items) <= self._threshold(k)]
+        parts = self._swept_parts(items)
+        bounds = np.sum(parts, axis=0)
+        kept = np.flatnonzero(bounds <= self._threshold(k))
+        kept = kept[~np.isin(items[kept], tried)]
+        kept = kept[np.argsort(bounds[kept], kind="stable")]
+        self._decide(items[kept], bounds[kept], [part[kept] for part in parts], k)
         return self._best
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
@@ -115,28 +118,24 @@ class NearestSearch:
         kth = min(distances) if k == 1 else float(np.partition(distances, k - 1)[k - 1])
         return kth * _ROUNDING
 
-    def _narrow(self, items: IntArray, bounds: FloatArray, k: int) -> None:
-        """Items by rising bound, in rounds that grow: reduced bounds, then relaxed ones, then exact distances."""
-        start, size = 0, _ITEMS_PER_ROUND
+    def _decide(
+        self, items: IntArray, bounds: FloatArray, swept: Sequence[FloatArray] | None, k: int
+    ) -> None:
+        """Exact distances of those items, by rising bound, that may be among the k nearest.
+
+        ``swept``: the streams' weighted parts of the bounds, which need no repeating where they hold all there is.
+        """
+        start, size = 0, _FIRST_ROUND
         while start < len(items) and bounds[start] <= self._threshold(k):
             part = slice(start, start + size)
-            tighter = self._reduced_bounds(items[part], self._threshold(k))
-            tighter = np.maximum(tighter, bounds[part])
-            order = np.argsort(tighter, kind="stable")
-            order = order[tighter[order] <= self._threshold(k)]
-            self._decide(items[part][order], tighter[order], k)
-            start, size = start + size, 2 * size
-
-    def _decide(self, items: IntArray, bounds: FloatArray, k: int) -> None:
-        """Exact distances of those items, by rising bound, that may be among the k nearest."""
-        start, size = 0, _ITEMS_PER_ROUND // 4
-        while start < len(items) and bounds[start] <= self._threshold(k):
-            chosen = items[start : start + size]
-            self._solve_in_bound_order(chosen, k)
+            if swept is None or not self._sweep_is_whole:
+                parts = self._relaxed_parts(items[part])
+            else:
+                parts = [whole[part, None] for whole in swept]
+            self._solve_in_bound_order(items[part], parts, k)
             start, size = start + size, min(2 * size, _ITEMS_PER_SCAN)
 
-    def _solve_in_bound_order(self, items: IntArray, k: int) -> None:
-        parts = self._relaxed_parts(items)
+    def _solve_in_bound_order(self, items: IntArray, parts: Sequence[FloatArray], k: int) -> None:
         flat: FloatArray = np.sum(parts, axis=0).ravel()
         order = np.argsort(flat, kind="stable")
         start, size = 0, _FIRST_BATCH
@@ -177,8 +176,6 @@ class NearestSearch:
         above: FloatArray,
     ) -> FloatArray:
         """Exact combined distances of items[rows]; inf where streams solved so far put a pair over ``above``."""
-        from depthprint._kernels.pairs import pair_distances
-
         total = np.zeros(len(rows))
         rest = np.sum([part[rows, shifts] for part in parts], axis=0)
         alive = np.arange(len(rows))
@@ -189,16 +186,9 @@ class NearestSearch:
             weight = self._streams[s].weight
             others = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
             spare = above[alive] * _ROUNDING - total[alive] - others
-            values, status, solved = pair_distances(
-                self._sides[s],
-                store.gather(items[r]),
-                np.arange(len(r)),
-                shift,
-                spare / weight if weight > 0 else np.full(len(r), np.inf),
-                self._shifts[s],
-                self._rules[s],
+            values, solved = self._solve(
+                s, items[r], shift, spare / weight if weight > 0 else np.full(len(r), np.inf)
             )
-            check_status(status)
             self.emds_solved += int(solved.sum())
             total[alive] += weight * values
             rest[alive] = others
@@ -207,8 +197,27 @@ class NearestSearch:
         result[alive] = total[alive]
         return result
 
+    def _solve(self, s: int, items: IntArray, shifts: IntArray, above: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Distances of one stream, inf where over ``above``, and which of them took an EMD."""
+        from depthprint._kernels.pairs import pair_distances, solve_run
+
+        side, others, count = self._sides[s], self._stores[s].gather(items), len(items)
+        if count > _PAIRS_ON_ONE_THREAD:
+            values, status, solved = pair_distances(side, others, shifts, above, self._shifts[s], self._rules[s])
+        else:  # other threads would take longer to wake up
+            values, status, solved = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
+            solve_run(
+                side, others, 0, count, shifts, above, self._shifts[s], self._rules[s], values, status, solved
+            )
+        check_status(status)
+        return values, solved
+
     def _summaries_usable(self) -> bool:
-        """Whether float32 holds everything that the cheap bounds add up."""
+        """Whether there are appearances, and float32 holds everything that the cheap bounds add up."""
+        if any(
+            store.dims == rules.position_dims for store, rules in zip(self._stores, self._rules, strict=True)
+        ):
+            return False
         for s, store in enumerate(self._stores):
             side, ground = self._sides[s], self._streams[s].ground
             mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
@@ -218,13 +227,32 @@ class NearestSearch:
                 return False
         return True
 
-    def _summarise(self) -> None:
+    def _prepare(self) -> None:
+        """The query as the cheap bounds take it: a summary vector, and tiles of points, for each stream."""
+        from depthprint._kernels.sweep import tile_query
+
         self._vectors: list[npt.NDArray[np.float32]] = []
+        self._tiles: list[QueryTiles] = []
+        whole = len(self._shifts[0]) == 1
+        self._sweep_is_whole = whole and all(rules.period == 0.0 for rules in self._rules)
         for s, side in enumerate(self._sides):
             vectors, _ = summary_vectors(
                 side.weights, side.points.transpose(0, 2, 1), self._streams[s].ground
             )
             self._vectors.append(vectors[0])
+            points = side.points[0, : int(side.counts[0])].copy()
+            positions = self._rules[s].position_dims
+            appearance = points.shape[1] - positions
+            if self._sweep_is_whole:
+                points[:, appearance:] += self._shifts[s][0]
+            else:
+                points = points[:, :appearance]
+            self._tiles.append(
+                tile_query(
+                    points, side.weights[0], float(side.masses[0]), float(side.complexity[0]),
+                    self._stores[s].largest_norm,
+                )
+            )  # fmt: skip
 
     def _members(self, blocks: IntArray) -> IntArray:
         items: IntArray = (np.sort(blocks)[:, None] * ITEMS_PER_BLOCK + np.arange(ITEMS_PER_BLOCK)).ravel()
@@ -254,30 +282,21 @@ class NearestSearch:
             )  # fmt: skip
         return out
 
-    def _reduced_bounds(self, items: IntArray, threshold: float) -> FloatArray:
-        """Sum of the streams' reduced bounds; later looks are only at items that earlier ones let through."""
-        looks = {min(_FIRST_LOOK, max(s.dims for s in self._stores)), max(s.dims for s in self._stores)}
-        total = np.zeros(len(items))
-        alive = np.arange(len(items))
-        for coordinates in sorted(looks):
-            sums = np.zeros(len(items))
-            for s in range(len(self._stores)):
-                sums[alive] += self._streams[s].weight * self._reduced_part(s, items[alive], coordinates)
-                total[alive] = np.maximum(total[alive], sums[alive])
-                alive = alive[total[alive] <= threshold]
-        return total
+    def _swept_parts(self, items: IntArray) -> list[FloatArray]:
+        """Weighted bounds (len(items),) of each stream's distances to some items, in rising order, in float32.
 
-    def _reduced_part(self, s: int, items: IntArray, coordinates: int) -> FloatArray:
-        """Bounds of one stream's distance to ``items`` from so many coordinates of the appearances."""
-        from depthprint._kernels.reduction import reduced_bounds
+        They leave out the positions where there are several shifts, or a circular one.
+        """
+        from depthprint._kernels.sweep import sweep_bounds
 
-        store, side, rules = self._stores[s], self._sides[s], self._rules[s]
-        points = side.points[0, : int(side.counts[0])]
-        reach = store.largest_norm + float(np.sqrt((points**2).sum(axis=1)).max(initial=0.0))
-        dims = min(coordinates, store.dims - rules.position_dims)
-        bounds: FloatArray = reduced_bounds(
-            points[:, :dims].astype(np.float32), side.weights[0], side.masses[0], side.complexity[0],
-            store.weights, store.points, store.counts, store.masses, store.complexity,
-            items, 1.2e-7 * (store.dims + 16) * reach, rules,
-        )  # fmt: skip
-        return bounds
+        groups, where = np.unique(items // ITEMS_PER_GROUP, return_inverse=True)
+        lanes = items % ITEMS_PER_GROUP
+        parts = []
+        for s, store in enumerate(self._stores):
+            bounds = sweep_bounds(
+                self._tiles[s], store.points, store.weights, store.counts[: self.count], store.masses,
+                store.complexity, groups, self._rules[s],
+            )  # fmt: skip
+            parts.append(self._streams[s].weight * bounds[where, lanes])
+            self.bounds_computed += len(items)
+        return parts

@@ -12,13 +12,21 @@ from depthprint.signature import GroundDistance
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
 
-__all__ = ["ITEMS_PER_BLOCK", "SignatureStore", "float32_holds", "summary_slack", "summary_vectors"]
+__all__ = [
+    "ITEMS_PER_BLOCK",
+    "ITEMS_PER_GROUP",
+    "SignatureStore",
+    "float32_holds",
+    "summary_slack",
+    "summary_vectors",
+]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
 ITEMS_PER_BLOCK = 32
+ITEMS_PER_GROUP = 16
 _DOUBLES_UP_TO = 1 << 14
 _FLOAT32_LIMIT = 1e12
 
@@ -26,8 +34,10 @@ _FLOAT32_LIMIT = 1e12
 class SignatureStore:
     """Items 0..count-1. Numbers that float32 holds without loss are kept in float32, else all in float64.
 
-    The numbered arrays may have spare rows beyond ``count``. Adding costs amortised constant time; large
-    arrays grow by a small share in place, so that memory stays near what the items need.
+    Points (groups, k, dims, ITEMS_PER_GROUP) and weights (groups, k, ITEMS_PER_GROUP) lie as
+    `depthprint._kernels.sweep` reads them: the same number of neighbouring items side by side. The arrays may
+    have spare rows beyond ``count``. Adding costs amortised constant time; large arrays grow by a small share
+    in place, so that memory stays near what the items need.
     """
 
     def __init__(self, fingerprint: str, dims: int, ground: GroundDistance) -> None:
@@ -37,8 +47,8 @@ class SignatureStore:
         self.largest_norm = 0.0
         self._ground = ground
         appearance = dims - ground.position_dims
-        self.weights: npt.NDArray[np.floating] = np.zeros((0, 1), np.float32)
-        self.points: npt.NDArray[np.floating] = np.zeros((0, dims, 1), np.float32)
+        self.weights: npt.NDArray[np.floating] = np.zeros((0, 1, ITEMS_PER_GROUP), np.float32)
+        self.points: npt.NDArray[np.floating] = np.zeros((0, 1, dims, ITEMS_PER_GROUP), np.float32)
         self.counts: IntArray = np.zeros(0, np.int64)
         self.masses: FloatArray = np.zeros(0)
         self.complexity: FloatArray = np.zeros(0)
@@ -59,11 +69,12 @@ class SignatureStore:
         k = items.weights.shape[1]
         self._make_room(first + added, k)
         last = first + added
-        self.weights[first:last, :k] = items.weights
-        self.weights[first:last, k:] = 0.0
-        self.points[first:last, :, :k] = items.points
-        self.points[first:last, :, k:] = 0.0
-        self._keep_precision(items, first, last, k)
+        self._keep_precision(items)
+        group, lane = np.divmod(np.arange(first, last), ITEMS_PER_GROUP)
+        self.weights[group, :k, lane] = items.weights
+        self.weights[group, k:, lane] = 0.0
+        self.points[group, :k, :, lane] = items.points.transpose(0, 2, 1)
+        self.points[group, k:, :, lane] = 0.0
         self.counts[first:last] = items.counts
         self.masses[first:last] = items.masses
         self.complexity[first:last] = items.complexity
@@ -76,41 +87,37 @@ class SignatureStore:
     def gather(self, items: IntArray) -> Side:
         """Chosen items in the exact kernels' layout."""
         from depthprint._kernels.ground import Side
+        from depthprint._kernels.sweep import gather_items
 
-        return Side(
-            self.weights[items].astype(np.float64, copy=False),
-            self.points[items].astype(np.float64, copy=False),
-            self.counts[items],
-            self.masses[items],
-            self.complexity[items],
-        )
+        weights, points = gather_items(self.weights, self.points, items)
+        return Side(weights, points, self.counts[items], self.masses[items], self.complexity[items])
 
     def _make_room(self, needed: int, clusters: int) -> None:
         k = self.weights.shape[1]
         if clusters > k:
-            weights = np.zeros((len(self.weights), clusters), self.weights.dtype)
-            points = np.zeros((len(self.points), self.dims, clusters), self.points.dtype)
-            weights[: self.count, :k] = self.weights[: self.count]
-            points[: self.count, :, :k] = self.points[: self.count]
+            groups = len(self.weights)
+            weights = np.zeros((groups, clusters, ITEMS_PER_GROUP), self.weights.dtype)
+            points = np.zeros((groups, clusters, self.dims, ITEMS_PER_GROUP), self.points.dtype)
+            weights[:, :k], points[:, :k] = self.weights, self.points
             self.weights, self.points = weights, points
         capacity = len(self.counts)
         if needed > capacity:
             spare = capacity if capacity < _DOUBLES_UP_TO else capacity // 32
             rows = max(needed, capacity + spare, 8)
-            for name in ("weights", "points", "counts", "masses", "complexity", "vectors"):
+            for name in ("counts", "masses", "complexity", "vectors"):
                 _grow(getattr(self, name), rows)
+            for name in ("weights", "points"):
+                _grow(getattr(self, name), -(-rows // ITEMS_PER_GROUP))
             blocks = -(-rows // ITEMS_PER_BLOCK)
             for name in ("low", "high", "mass_range", "largest_complexity"):
                 _grow(getattr(self, name), blocks)
 
-    def _keep_precision(self, items: Side, first: int, last: int, k: int) -> None:
+    def _keep_precision(self, items: Side) -> None:
         for name in ("weights", "points"):
             array, exact = getattr(self, name), getattr(items, name)
-            if array.dtype == np.float32 and not np.array_equal(array[first:last, ..., :k], exact):
-                wide = np.zeros(array.shape)
-                wide[:first] = array[:first]
-                wide[first:last, ..., :k] = exact
-                setattr(self, name, wide)
+            with np.errstate(over="ignore"):
+                if array.dtype == np.float32 and not np.array_equal(exact.astype(np.float32), exact):
+                    setattr(self, name, array.astype(np.float64))
 
     def _update_blocks(self, first: int, last: int) -> None:
         for block in range(first // ITEMS_PER_BLOCK, (last - 1) // ITEMS_PER_BLOCK + 1):

@@ -173,14 +173,18 @@ def emd_pairs(
         raise DataError(f"emd_pairs: expected batches of one length, got {len(first)} and {len(second)}")
     check_alike(first.fingerprint, first.points.shape[2], second.fingerprint, second.points.shape[2], ground)
     offset = shift_table(None if shift is None else [shift], ground)[0]
-    from depthprint._kernels.pairs import aligned_pairs
+    from depthprint._kernels.pairs import solve_run
 
     left = side_arrays(first, masses, ground, right=False)
     right = side_arrays(second, masses, ground, right=True)
     if form is None and masses != "null":
         refuse_empty(left.masses, right.masses, masses)
-    distances: FloatArray
-    distances, status = aligned_pairs(left, right, offset, pair_rules(masses, form, ground))
+    n = len(left.counts)
+    distances, status, solved = np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64)
+    solve_run(
+        left, right, 0, n, np.zeros(n, np.int64), np.full(n, np.inf), offset[None], pair_rules(masses, form, ground),
+        distances, status, solved,
+    )  # fmt: skip
     check_status(status)
     return distances
 

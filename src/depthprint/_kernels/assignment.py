@@ -14,13 +14,15 @@ from numba import njit
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG
 
-__all__ = ["all_equal", "assign", "transport_units"]
+__all__ = ["CERTIFIED", "GIVEN_UP", "UNCERTIFIED", "all_equal", "assign", "transport_units"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
 _SEEN = BIG + BIG // 2  # below any price by more than a path costs
 _BIDDING_ROUNDS = 3
+_ROUNDING = 1.0 + 1e-12
+CERTIFIED, UNCERTIFIED, GIVEN_UP = range(3)
 
 
 @njit(cache=True, nogil=True)
@@ -43,12 +45,13 @@ def transport_units(
     order: IntArray,
     flow: IntArray,
     work: IntArray,
-) -> tuple[float, bool]:
+    limit: float,
+) -> tuple[float, int]:
     """Least work between ``rows`` and ``columns`` clusters of mass ``unit``, what is left over going nowhere.
 
     ``index`` holds the places in ``cost`` of the rows, then of the columns. Writes parent, order and flow as a
     tree has them, the cells with flow last; ``work`` as in `assign` and may share memory with order and flow.
-    Returns the work and whether it is certified.
+    Returns the work, and the status of `assign`.
     """
     few, many = min(rows, columns), max(rows, columns)
     first_few, first_many = (0, rows) if rows <= columns else (rows, 0)
@@ -67,9 +70,10 @@ def transport_units(
                 units[i, j] = c
             else:
                 units[j, i] = c
-    certified = assign(few, many, units, parent, work)
-
     total = 0.0
+    status = assign(few, many, units, parent, work, limit / np.float64(unit) * c1 * c2 + np.float64(few))
+    if status != CERTIFIED:
+        return total, status
     for k in range(few):
         x, y = first_few + k, first_many + parent[k]
         parent[x] = y
@@ -82,15 +86,18 @@ def transport_units(
         parent[y] = first_few
         order[k] = y
         flow[y] = 0
-    return total, certified
+    return total, status
 
 
 @njit(cache=True, nogil=True)
-def assign(rows: int, columns: int, icost: IntArray, column_of: IntArray, work: IntArray) -> bool:
-    """Columns of least total cost for the rows into column_of[:rows]; True where the duals certify it.
+def assign(
+    rows: int, columns: int, icost: IntArray, column_of: IntArray, work: IntArray, limit: float
+) -> int:
+    """Columns of least total cost for the rows into column_of[:rows]; CERTIFIED where the duals certify it.
 
-    rows <= columns; costs (rows, columns) >= 0 whose sum along any path stays under 2**60; ``work`` has eight
-    rows of at least ``columns`` numbers each.
+    GIVEN_UP where the duals on the way show that the total is over ``limit``. rows <= columns; costs
+    (rows, columns) >= 0 whose sum along any path stays under 2**60; ``work`` has eight rows of at least
+    ``columns`` numbers each.
     """
     price, hidden, distance, from_row = work[0], work[1], work[2], work[3]
     row_of, path, path_distance, free = work[4], work[5], work[6], work[7]
@@ -116,6 +123,8 @@ def assign(rows: int, columns: int, icost: IntArray, column_of: IntArray, work: 
     for j in range(columns):
         hidden[j] = price[j]
     for k in range(count):
+        if limit < np.inf and _value_of_duals(rows, columns, icost, price) > limit * _ROUNDING:
+            return GIVEN_UP
         start = free[k]
         source = icost[start]
         least = BIG
@@ -156,8 +165,21 @@ def assign(rows: int, columns: int, icost: IntArray, column_of: IntArray, work: 
             j, column_of[i] = column_of[i], j
             if i == start:
                 break
-    certified: bool = _certified(rows, columns, icost, column_of, row_of, price)
-    return certified
+    return CERTIFIED if _certified(rows, columns, icost, column_of, row_of, price) else UNCERTIFIED
+
+
+@njit(cache=True, nogil=True)
+def _value_of_duals(rows: int, columns: int, icost: IntArray, price: IntArray) -> float:
+    total = np.int64(0)
+    for j in range(columns):
+        total += price[j]
+    for i in range(rows):
+        source = icost[i]
+        least = BIG
+        for j in range(columns):
+            least = min(least, source[j] - price[j])
+        total += least
+    return np.float64(total)
 
 
 @njit(cache=True, nogil=True)

@@ -11,14 +11,15 @@ from numba import njit, prange
 
 from depthprint._kernels.dual_bound import work_limit
 from depthprint._kernels.ground import PairRules, Side, ground_costs
-from depthprint._kernels.relaxation import normalise, relaxed_work
+from depthprint._kernels.relaxation import normalise, reduced_work
 from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
-__all__ = ["aligned_pairs", "difference_tasks", "pair_distances", "solve_many"]
+__all__ = ["difference_tasks", "pair_distances", "solve_many", "solve_run"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
+_PAIRS_PER_TASK = 4
 _ROUNDING = 1.0 + 1e-12  # a bound computed in floating point may exceed the distance by its rounding
 
 
@@ -30,43 +31,20 @@ def _pair(
     b: int,
     shift: FloatArray,
     above: float,
-    relaxed: bool,
     rules: PairRules,
     ints: IntArray,
     icost: IntArray,
     cost: FloatArray,
     minima: FloatArray,
 ) -> tuple[float, int, bool]:
-    """(distance, status, solved): inf and not solved where a bound is over ``above``.
-
-    With ``relaxed`` the relaxed bound is looked at first, else only the bounds on the way of the solver.
-    """
+    """(distance, status, solved): inf and not solved where a bound is over ``above``."""
     if left.masses[a] <= 0.0 or right.masses[b] <= 0.0:
         k_p, k_q = left.complexity[a], right.complexity[b]
         return normalise(k_p + k_q, k_p, k_q, rules.form), OPTIMAL, False
     m, n = left.counts[a], right.counts[b]
     ground_costs(left.points[a], right.points[b], m, n, shift, rules, cost)
-    if relaxed and above < np.inf:
-        for j in range(n):
-            minima[1, j] = np.inf
-        for i in range(m):
-            least = np.inf
-            for j in range(n):
-                c = cost[i, j]
-                least = min(least, c)
-                minima[1, j] = min(minima[1, j], c)
-            minima[0, i] = least
-        bound = relaxed_work(
-            left.weights[a],
-            left.masses[a],
-            m,
-            right.weights[b],
-            right.masses[b],
-            n,
-            minima[0],
-            minima[1],
-            rules,
-        )
+    if above < np.inf:
+        bound = reduced_work(left, a, right, b, cost, m, n, minima, rules)
         if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * _ROUNDING:
             return np.inf, OPTIMAL, False
     limit = np.inf
@@ -106,7 +84,7 @@ def difference_tasks(
             best = np.inf
             for s in range(len(shifts)):
                 value, code, _ = _pair(
-                    left, i, right, j, shifts[s], min(best, below), True, rules, ints, icost, cost, minima
+                    left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
                 )
                 if code != OPTIMAL:
                     status[t] = code
@@ -119,61 +97,53 @@ def difference_tasks(
 def pair_distances(
     left: Side,
     right: Side,
-    candidates: IntArray,
     chosen: IntArray,
     above: FloatArray,
     shifts: FloatArray,
     rules: PairRules,
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Exact distances of left[0] to right[candidates] at shifts[chosen]: (distance, status, solved).
+    """Exact distances of left[0] to right[t] at shifts[chosen[t]]: (distance, status, solved).
 
-    inf and not solved where the solver's own bound shows that a distance is over its ``above``.
+    inf and not solved where a bound shows that a distance is over its ``above``.
     """
-    count = len(candidates)
+    count = len(right.counts)
     distances = np.empty(count)
     status = np.zeros(count, np.int64)
     solved = np.zeros(count, np.int64)
-    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
-    for t in prange(count):
-        ints, icost = make_scratch(k_p, k_q)
-        cost = np.empty((k_p, k_q))
-        minima = np.empty((2, max(k_p, k_q)))
-        value, code, was_solved = _pair(
-            left,
-            0,
-            right,
-            candidates[t],
-            shifts[chosen[t]],
-            above[t],
-            False,
-            rules,
-            ints,
-            icost,
-            cost,
-            minima,
-        )
-        distances[t] = value
-        status[t] = code
-        solved[t] = 1 if was_solved else 0
+    tasks = (count + _PAIRS_PER_TASK - 1) // _PAIRS_PER_TASK
+    for task in prange(tasks):
+        first, last = task * _PAIRS_PER_TASK, min(count, (task + 1) * _PAIRS_PER_TASK)
+        solve_run(left, right, first, last, chosen, above, shifts, rules, distances, status, solved)
     return distances, status, solved
 
 
 @njit(cache=True, nogil=True)
-def aligned_pairs(
-    left: Side, right: Side, shift: FloatArray, rules: PairRules
-) -> tuple[FloatArray, IntArray]:
-    """(distance, status) of left[i] to right[i], one after the other on the calling thread."""
-    count = len(left.counts)
-    distances, status = np.empty(count), np.zeros(count, np.int64)
+def solve_run(
+    left: Side,
+    right: Side,
+    first: int,
+    last: int,
+    chosen: IntArray,
+    above: FloatArray,
+    shifts: FloatArray,
+    rules: PairRules,
+    distances: FloatArray,
+    status: IntArray,
+    solved: IntArray,
+) -> None:
+    """Pairs first..last-1 of right with the only one of left, or with those of left, on the calling thread."""
     k_p, k_q = left.weights.shape[1], right.weights.shape[1]
     ints, icost = make_scratch(k_p, k_q)
     cost = np.empty((k_p, k_q))
     minima = np.empty((2, max(k_p, k_q)))
-    for i in range(count):
-        distances[i], status[i], _ = _pair(
-            left, i, right, i, shift, np.inf, False, rules, ints, icost, cost, minima
+    alone = len(left.counts) == 1
+    for t in range(first, last):
+        value, code, was_solved = _pair(
+            left, 0 if alone else t, right, t, shifts[chosen[t]], above[t], rules, ints, icost, cost, minima
         )
-    return distances, status
+        distances[t] = value
+        status[t] = code
+        solved[t] = 1 if was_solved else 0
 
 
 @njit(cache=True, nogil=True)

@@ -68,7 +68,7 @@ def add_item_bounds(
             out[x] += weight * normalise(emd, complexity, complexities[item], rules.form)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def add_block_bounds(
     vector: Float32Array,
     mass: float,
@@ -85,7 +85,7 @@ def add_block_bounds(
     """Add ``weight`` times a bound of the distance to every item of each block to ``out`` (blocks,)."""
     dims = len(vector)
     shrink = 1.0 - 1.2e-7 * (dims + 16)
-    for b in prange(len(out)):
+    for b in range(len(out)):
         lightest, heaviest = mass_range[b, 0], mass_range[b, 1]
         if mass <= 0.0 or lightest <= 0.0:
             continue

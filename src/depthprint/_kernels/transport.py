@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.assignment import all_equal, transport_units
+from depthprint._kernels.assignment import CERTIFIED, GIVEN_UP, all_equal, transport_units
 from depthprint._kernels.dual_bound import dual_bound
 from depthprint._kernels.scaling import bit_length, power_of_two
 from depthprint._kernels.spanning_tree import BIG, pivot
@@ -116,12 +116,24 @@ def solve_transport(
         mass[heaviest] += abs(surplus)
         surplus = np.int64(0)
     if all_equal(mass, rows + columns) and rows > 0 and columns > 0:
-        work, certified = transport_units(
-            rows, columns, mass[0], index, cost, icost, parent, order, flow, ints[_ORDER:]
+        extra = np.float64(abs(surplus)) * surplus_cost
+        work, status = transport_units(
+            rows,
+            columns,
+            mass[0],
+            index,
+            cost,
+            icost,
+            parent,
+            order,
+            flow,
+            ints[_ORDER:],
+            limit * s1 * s2 - extra,
         )
-        work += np.float64(abs(surplus)) * surplus_cost
-        status = OPTIMAL if certified else BAD_CERTIFICATE
-        return work / s1 / s2, status, rows, columns, exponent
+        if status == GIVEN_UP:
+            return np.inf, ABANDONED, rows, columns, exponent
+        status = OPTIMAL if status == CERTIFIED else BAD_CERTIFICATE
+        return (work + extra) / s1 / s2, status, rows, columns, exponent
     m_real, n_real = rows, columns
     if surplus > 0:
         mass[rows + columns] = surplus

@@ -1,0 +1,160 @@
+"""The innermost step of a sweep of squared distances: some points of a query against one column of many items.
+
+LLVM does not keep a tile of sums in registers by itself, so the step is written in its vector types, which
+every processor has: the code generator splits them as wide as it can.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column"]
+
+LANES = 16
+TILE_ROWS = 7
+
+_FLOAT = ir.FloatType()
+_LANES = ir.VectorType(_FLOAT, LANES)
+_INT32 = ir.IntType(32)
+
+
+@intrinsic
+def load_column(typingctx: Any, points: Any, group: Any, j: Any, q: Any, q_halves: Any) -> Any:
+    """Column j of a group of points (groups, columns, d, LANES) into q and q_halves, as `meet_column` takes them.
+
+    Reads as many coordinates as q has. The points may be float32 or float64.
+    """
+    del typingctx
+    return types.void(points, group, j, q, q_halves), _emit_load
+
+
+@intrinsic
+def meet_column(
+    typingctx: Any,
+    p: Any,
+    p_halves: Any,
+    tile: Any,
+    q: Any,
+    q_halves: Any,
+    dims: Any,
+    rows: Any,
+    column: Any,
+    j: Any,
+) -> Any:
+    """Take -|p - q|^2 / 2 of the points of a tile and column j of LANES items into the largest of each so far.
+
+    p (tiles, dims, TILE_ROWS) and p_halves (tiles, TILE_ROWS): points and their -|p|^2 / 2. q (dims, LANES) and
+    q_halves (LANES,) the same of the column. Raises rows (tiles, TILE_ROWS, LANES) and column (columns, LANES)
+    where larger. All float32 and contiguous; nothing is checked.
+    """
+    del typingctx
+    return types.void(p, p_halves, tile, q, q_halves, dims, rows, column, j), _emit_meeting
+
+
+def _fused(builder: Any) -> Any:
+    signature = ir.FunctionType(_LANES, [_LANES] * 3)
+    return cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.v{LANES}f32")
+
+
+def _vector(builder: Any, pointer: Any) -> Any:
+    return builder.bitcast(pointer, _LANES.as_pointer())
+
+
+def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    points, q, q_halves = (
+        context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 3, 4)
+    )
+    _, group, j, _, _ = arguments
+    size = group.type
+    double = signature.args[0].dtype == types.float64
+    stored = ir.VectorType(ir.DoubleType(), LANES) if double else _LANES
+    _, columns, coordinates, _ = cgutils.unpack_tuple(builder, points.shape)
+    dims, _ = cgutils.unpack_tuple(builder, q.shape)
+    first = builder.mul(builder.add(builder.mul(group, columns), j), coordinates)
+    before = builder.block
+    loop = builder.append_basic_block("load")
+    after = builder.append_basic_block("loaded")
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    k, total = builder.phi(size), builder.phi(_LANES)
+    source = builder.gep(points.data, [builder.mul(builder.add(first, k), size(LANES))])
+    values = builder.load(builder.bitcast(source, stored.as_pointer()), align=4)
+    if double:
+        values = builder.fptrunc(values, _LANES)
+    target = _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))]))
+    builder.store(values, target, align=4)
+    following, squares = builder.add(k, size(1)), builder.call(_fused(builder), [values, values, total])
+    builder.cbranch(builder.icmp_signed("<", following, dims), loop, after)
+    k.add_incoming(size(0), before)
+    k.add_incoming(following, loop)
+    total.add_incoming(_LANES([0.0] * LANES), before)
+    total.add_incoming(squares, loop)
+    builder.position_at_end(after)
+    halves = builder.fmul(squares, _LANES([-0.5] * LANES))
+    builder.store(halves, _vector(builder, q_halves.data), align=4)
+    return context.get_dummy_value()
+
+
+def _emit_meeting(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    arrays = {0, 1, 3, 4, 6, 7}
+    p, p_halves, tile, q, q_halves, dims, rows, column, j = (
+        context.make_array(signature.args[k])(context, builder, value).data if k in arrays else value
+        for k, value in enumerate(arguments)
+    )
+    size = dims.type
+
+    def at(pointer: Any, offset: Any) -> Any:
+        return builder.gep(pointer, [offset])
+
+    def times(x: Any, constant: int) -> Any:
+        return builder.mul(x, ir.Constant(size, constant))
+
+    def vector(pointer: Any) -> Any:
+        return _vector(builder, pointer)
+
+    def spread(pointer: Any) -> Any:
+        first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), builder.load(pointer), _INT32(0))
+        return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
+
+    def larger(x: Any, y: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", x, y), x, y)
+
+    fused = _fused(builder)
+    p = at(p, builder.mul(times(tile, TILE_ROWS), dims))
+    p_halves = at(p_halves, times(tile, TILE_ROWS))
+    rows = at(rows, times(tile, TILE_ROWS * LANES))
+    column = vector(at(column, times(j, LANES)))
+    half = builder.load(vector(q_halves), align=4)
+    start = [builder.fadd(half, spread(at(p_halves, size(i)))) for i in range(TILE_ROWS)]
+
+    before = builder.block
+    loop = builder.append_basic_block("coordinates")
+    after = builder.append_basic_block("maxima")
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    k = builder.phi(size)
+    sums = [builder.phi(_LANES) for _ in range(TILE_ROWS)]
+    other = builder.load(vector(at(q, times(k, LANES))), align=4)
+    mine = at(p, times(k, TILE_ROWS))
+    new = [builder.call(fused, [spread(at(mine, size(i))), other, sums[i]]) for i in range(TILE_ROWS)]
+    following = builder.add(k, size(1))
+    builder.cbranch(builder.icmp_signed("<", following, dims), loop, after)
+    k.add_incoming(size(0), before)
+    k.add_incoming(following, loop)
+    for i in range(TILE_ROWS):
+        sums[i].add_incoming(start[i], before)
+        sums[i].add_incoming(new[i], loop)
+
+    builder.position_at_end(after)
+    largest = builder.load(column, align=4)
+    for i in range(TILE_ROWS):
+        row = vector(at(rows, size(i * LANES)))
+        builder.store(larger(new[i], builder.load(row, align=4)), row, align=4)
+        largest = larger(new[i], largest)
+    builder.store(largest, column, align=4)
+    return context.get_dummy_value()
