@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from depthprint.baselines.kernel_descriptors.estimators import kernel_descriptor_classifier, power_transform
+from depthprint.baselines.kernel_descriptors.estimators import kernel_descriptor_classifier
 from depthprint.baselines.kernel_descriptors.kinds import KINDS
+from depthprint.baselines.kernel_descriptors.match_features import power_transform
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.baselines.sparse_pyramid import sparse_pyramid_features
 from depthprint.datasets.uw_rgbd_object import cad51

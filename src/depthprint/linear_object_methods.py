@@ -8,9 +8,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.estimators import power_transform
 from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
-from depthprint.baselines.kernel_descriptors.match_features import learn_vocabulary, match_features
+from depthprint.baselines.kernel_descriptors.match_features import (
+    learn_vocabulary,
+    match_features,
+    power_transform,
+)
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, mirrored_image
 from depthprint.baselines.linear_svm import GramSvm, gram_matrix
 from depthprint.errors import DataError

@@ -20,11 +20,44 @@ from depthprint.object_distances import (
 )
 from depthprint.object_kernels import code_features
 from depthprint.range_image import RangeImage
+from depthprint.surface_words import SurfaceWords
 
-__all__ = ["ObjectComparisons"]
+__all__ = ["ObjectComparisons", "SurfaceComparisons"]
 
 Progress = Callable[[int, int], None]
 T = TypeVar("T")
+
+
+class SurfaceComparisons:
+    """Kernels of the views' surfaces, which encoders have no part in: one object may serve several of them."""
+
+    def __init__(self, words: SurfaceWords | None = None) -> None:
+        self._words = words
+        self._images: Sequence[RangeImage] | None = None
+        self._kernels: dict[tuple[str, bool], npt.NDArray[np.float32]] = {}
+
+    def kernel(
+        self,
+        images: Sequence[RangeImage],
+        *,
+        mirror: bool,
+        without: str = "",
+        progress: Progress | None = None,
+    ) -> npt.NDArray[np.float32]:
+        """Kernel (n, n), of all kinds of descriptors or all but one; the images given last are remembered."""
+        if images is not self._images:
+            self._images = images
+            self._kernels.clear()
+        if self._words is None:
+            self._words = SurfaceWords.load()
+        kinds = [kind for kind in self._words.vocabularies if kind != without]
+        total = np.zeros((len(images), len(images)), dtype=np.float32)
+        for kind in kinds:
+            if (kind, mirror) not in self._kernels:
+                rows = self._words.only(kind).features(images, mirror=mirror, progress=progress)
+                self._kernels[kind, mirror] = rows @ rows.T
+            total += self._kernels[kind, mirror]
+        return total / np.float32(len(kinds))
 
 
 class ObjectComparisons:
@@ -33,8 +66,9 @@ class ObjectComparisons:
     ``seconds`` tells how long each kind took. Another sequence of images forgets everything.
     """
 
-    def __init__(self, encoder: Encoder) -> None:
+    def __init__(self, encoder: Encoder, surfaces: SurfaceComparisons | None = None) -> None:
         self.encoder = encoder
+        self.surfaces = SurfaceComparisons() if surfaces is None else surfaces
         self.seconds: dict[str, float] = {}
         self._images: Sequence[RangeImage] | None = None
         self._encodings: list[Encoding] = []
@@ -80,6 +114,20 @@ class ObjectComparisons:
     def code_kernel(self) -> npt.NDArray[np.float32]:
         """Kernel (n, n) of the pooled codes."""
         return self._once("code_kernel", lambda: self.features() @ self.features().T)
+
+    def surface_kernel(self) -> npt.NDArray[np.float32]:
+        """Kernel (n, n) of the views' surfaces."""
+        return self._once("surface_kernel", self._surface_kernel)
+
+    def sizeless_kernel(self) -> npt.NDArray[np.float32]:
+        """Kernel (n, n) of the views' surfaces, the size kind left out."""
+        return self._once("sizeless_kernel", lambda: self._surface_kernel("size"))
+
+    def _surface_kernel(self, without: str = "") -> npt.NDArray[np.float32]:
+        if self._images is None:
+            raise DataError("ObjectComparisons: expected prepare() to be called first")
+        mirror = self.encoder.settings.mirror
+        return self.surfaces.kernel(self._images, mirror=mirror, without=without, progress=self._progress)
 
     def _once(self, kind: str, compute: Callable[[], T]) -> T:
         if kind not in self._done:

@@ -1,0 +1,117 @@
+"""Fixed vocabularies of kernel descriptors: the shape and size of small surfaces as one vector of a view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
+from depthprint.baselines.kernel_descriptors.match_features import (
+    Vocabulary,
+    learn_vocabulary,
+    match_features,
+    power_transform,
+)
+from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
+from depthprint.errors import DepthprintError, ModelError, SettingsError
+from depthprint.io.archive import DAMAGED, read_archive, write_archive
+from depthprint.object_kernels import unit_rows
+from depthprint.range_image import RangeImage
+
+__all__ = ["SurfaceWords"]
+
+Float32Array = npt.NDArray[np.float32]
+Progress = Callable[[int, int], None]
+
+FORMAT = "depthprint surface words"
+FORMAT_VERSION = 1
+SHIPPED = Path(__file__).parent / "models" / "object-surfaces.npz"
+
+
+@dataclass(frozen=True)
+class SurfaceWords:
+    """Words of each kind of kernel descriptor, learned once from simulated objects and the same for every data set.
+
+    Words that do not depend on the views compared make a view's vector a property of the view alone.
+    """
+
+    vocabularies: Mapping[str, Vocabulary]
+
+    @classmethod
+    def learn(cls, images: Sequence[RangeImage], n_words: int = 256, seed: int = 0) -> SurfaceWords:
+        """Learn ``n_words`` of each kind from masked crops; raises as describe_crops and learn_vocabulary do."""
+        learned = {}
+        for kind in KINDS:
+            crops = describe_crops(images, kind, masked=True)
+            words = learn_vocabulary(crops, KINDS[kind].match_gamma, n_words=n_words, seed=seed).words
+            # As the file holds them, so that a saved vocabulary gives the same features.
+            learned[kind] = Vocabulary.of(words.astype(np.float32), KINDS[kind].match_gamma)
+        return cls(learned)
+
+    def only(self, kind: str) -> SurfaceWords:
+        """The words of one kind; SettingsError for a kind that is not there."""
+        if kind not in self.vocabularies:
+            raise SettingsError(
+                f"surface words: expected one of {', '.join(self.vocabularies)}, got {kind!r}"
+            )
+        return SurfaceWords({kind: self.vocabularies[kind]})
+
+    def features(
+        self, images: Sequence[RangeImage], *, mirror: bool = True, progress: Progress | None = None
+    ) -> Float32Array:
+        """Unit vectors (n, d) of masked pinhole crops in metres; products are the kernel of their surfaces.
+
+        With ``mirror`` the vectors of a view and of its mirror image are added, as object_kernels.code_features has it.
+        Kinds have equal shares. Raises DataError (naming the frame) for other than pinhole images.
+        Source: Bo, Ren and Fox, NIPS 2010 and IROS 2011; power transform as their classifier has it.
+        """
+        turned = [mirrored_image(image) for image in images] if mirror else []
+        columns = []
+        for number, (kind, vocabulary) in enumerate(self.vocabularies.items()):
+
+            def report(done: int, _: int, before: int = number * len(images)) -> None:
+                if progress is not None:
+                    progress(before + done, len(self.vocabularies) * len(images))
+
+            crops = describe_crops(images, kind, masked=True, progress=report)
+            rows = power_transform(match_features(crops, vocabulary))
+            if mirror:
+                flipped = (
+                    [crop.mirrored() for crop in crops]
+                    if KINDS[kind].mirror_free
+                    else describe_crops(turned, kind, masked=True)
+                )
+                rows += power_transform(match_features(flipped, vocabulary))
+            columns.append(unit_rows(rows))
+        return unit_rows(np.concatenate(columns, axis=1))
+
+    def parts(self) -> tuple[dict[str, float], dict[str, npt.NDArray[np.float32]]]:
+        """What a file holds of the words: widths of the match kernels, and words (w, k), by kind."""
+        kinds = self.vocabularies.items()
+        return {k: v.gamma for k, v in kinds}, {k: v.words.astype(np.float32) for k, v in kinds}
+
+    @classmethod
+    def of_parts(
+        cls, gammas: Mapping[str, float], words: Mapping[str, npt.NDArray[np.floating]]
+    ) -> SurfaceWords:
+        """The words that ``parts`` took apart; raises KeyError, SettingsError or DataError where they do not fit."""
+        return cls({kind: Vocabulary.of(words[kind], gammas[kind]) for kind in KINDS if kind in gammas})
+
+    def save(self, path: Path | str) -> Path:
+        """Write the words to one .npz file, without pickle; it appears whole or not at all."""
+        gammas, words = self.parts()
+        write_archive(path, {"format": FORMAT, "version": FORMAT_VERSION, "gammas": gammas}, words)
+        return Path(path)
+
+    @classmethod
+    def load(cls, path: Path | str = SHIPPED) -> SurfaceWords:
+        """Read words, by default those that ship; another or a damaged file raises ModelError naming it."""
+        header, arrays = read_archive(path, "surface words", FORMAT, FORMAT_VERSION)
+        try:
+            return cls.of_parts(header["gammas"], arrays)
+        except (*DAMAGED, DepthprintError) as error:
+            raise ModelError(f"{path}: expected whole surface words, got {error}") from error
