@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from depthprint.classification import NearestComplexityClassifier, class_distances
 from depthprint.errors import DataError, SettingsError
-from depthprint.object_comparisons import ObjectComparisons
+from depthprint.object_comparisons import ObjectComparisons, SurfaceKernels
 from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures
-from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser, ViewComparison, fused_comparison
 from depthprint.range_image import RangeImage
 
 __all__ = ["ALL_PARTS", "EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
@@ -27,8 +27,8 @@ _SVM_COST = 10.0
 _KINDS_OF_PARTS = {
     "codes": ("code_kernel", "codes"),
     "complexities": ("complexities",),
-    "surfaces": ("surface_kernel",),
-    "sizeless": ("sizeless_kernel",),
+    "surfaces": ("surfaces",),
+    "sizeless": ("sizeless",),
 }
 ALL_PARTS = ("codes", "complexities", "surfaces")
 _ROWS_PER_CALL = 256
@@ -127,7 +127,7 @@ class EncodedSVM(EncodedMethod):
 
 
 class EncodedRecogniser(EncodedMethod):
-    """The recogniser that ships: a discriminant over three kernels, and nearest views.
+    """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
 
     The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
     used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds.
@@ -148,31 +148,27 @@ class EncodedRecogniser(EncodedMethod):
         """Scores of the fused recogniser."""
         if not len(train) or not len(test):
             raise DataError(f"method {self.name!r}: expected views to train on and to test, got none")
-        compared = [self._compared(part, train, test) for part in self._parts]
-        stored, asked = (
-            ViewComparison(
-                np.mean([kernels[side] for kernels, _ in compared], axis=0),
-                tuple(distances[np.ix_(rows, train)] for _, distances in compared),
-            )
-            for side, rows in ((0, train), (1, test))
-        )
-        recogniser = FusedRecogniser().fit(stored, train_labels)
-        return recogniser.scores(asked), recogniser.labels
+        stored, asked = [], []
+        for part in self._parts:
+            stored.append(self._compared(part, train, train))
+            asked.append(self._compared(part, test, train))
+        shares = [KERNEL_SHARES[part] for part in self._parts]
+        recogniser = FusedRecogniser().fit(fused_comparison(stored, shares), train_labels)
+        return recogniser.scores(fused_comparison(asked, shares)), recogniser.labels
 
-    def _compared(
-        self, part: str, train: IndexArray, test: IndexArray
-    ) -> tuple[tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]], FloatArray]:
-        """Kernels of training and of test views with training views, and the distances of all views."""
+    def _compared(self, part: str, rows: IndexArray, train: IndexArray) -> ViewComparison:
+        """How views ``rows`` compare with training views by one part."""
+        grid = np.ix_(rows, train)
         if part == "complexities":
             found = self.comparisons.complexities()
-            learned, asked = distance_features(found, train, test)
-            return (learned @ learned.T, asked @ learned.T), found.nearer()
+            learned, asked = distance_features(found, train, rows)
+            return ViewComparison(asked @ learned.T, (found.nearer()[grid],))
         if part == "codes":
-            kernel, distances = self.comparisons.code_kernel(), self.comparisons.codes().nearer()
-        else:
-            kernel = getattr(self.comparisons, _KINDS_OF_PARTS[part][0])()
-            distances = np.maximum(1.0 - kernel, 0.0)
-        return (kernel[np.ix_(train, train)], kernel[np.ix_(test, train)]), distances
+            nearer = self.comparisons.codes().nearer()
+            return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
+        surfaces: SurfaceKernels = getattr(self.comparisons, part)()
+        machine = surfaces.with_mirrored(rows, train, both=rows is train)
+        return ViewComparison(surfaces.summed()[grid], (surfaces.nearer()[grid],), machine)
 
 
 def distance_features(

@@ -215,6 +215,6 @@ def make_object_methods(
     for method in methods:
         if isinstance(method, EncodedMethod):
             own = method.comparisons
-            own.surfaces = surfaces
+            own.shared_surfaces = surfaces
             method.comparisons = shared.setdefault(id(own.encoder), own)
     return methods

@@ -56,6 +56,8 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
         arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
         arrays["surface"] = np.asarray(stored.views.surface)
+        arrays["mirrored_surface"] = np.asarray(stored.views.mirrored_surface)
+        arrays["multipliers"] = np.asarray(recogniser.multipliers)
     for number in range(len(encoder.settings.streams)):
         batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])
         arrays |= {
@@ -81,7 +83,11 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
                 float(header["distance_scale"]), arrays["landmark_basis"]
             ),
             views=ViewFeatures(
-                arrays["straight"], arrays["mirrored"], arrays["landmark"], arrays.get("surface")
+                arrays["straight"],
+                arrays["mirrored"],
+                arrays["landmark"],
+                surface=arrays.get("surface"),
+                mirrored_surface=arrays.get("mirrored_surface"),
             ),
             words=_surface_words(header["surface_gammas"], arrays),
             surface_directions=arrays["surface_directions"].astype(np.float32)
@@ -90,7 +96,9 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
         )
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
         calibration = Calibration(float(header["temperature"]), novelty)
-        return TrainedRecogniser(encoder, stored, header["labels"], header["sources"], calibration)
+        return TrainedRecogniser(
+            encoder, stored, header["labels"], header["sources"], calibration, arrays.get("multipliers")
+        )
     except ModelError:
         raise
     except (*DAMAGED, DepthprintError) as error:

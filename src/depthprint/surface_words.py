@@ -66,15 +66,15 @@ class SurfaceWords:
 
     def features(
         self, images: Sequence[RangeImage], *, mirror: bool = True, progress: Progress | None = None
-    ) -> Float32Array:
-        """Unit vectors (n, d) of masked pinhole crops in metres; products are the kernel of their surfaces.
+    ) -> tuple[Float32Array, Float32Array]:
+        """Unit vectors (n, d) of masked pinhole crops in metres, and of their mirror images.
 
-        With ``mirror`` the vectors of a view and of its mirror image are added, as object_kernels.code_features has it.
-        Kinds have equal shares. Raises DataError (naming the frame) for other than pinhole images.
+        Kinds have equal shares. Without ``mirror`` the second are the first. Raises DataError (naming the frame) for
+        other than pinhole images.
         Source: Bo, Ren and Fox, NIPS 2010 and IROS 2011; power transform as their classifier has it.
         """
         turned = [mirrored_image(image) for image in images] if mirror else []
-        columns = []
+        straight, mirrored = [], []
         for number, (kind, vocabulary) in enumerate(self.vocabularies.items()):
 
             def report(done: int, _: int, before: int = number * len(images)) -> None:
@@ -82,16 +82,13 @@ class SurfaceWords:
                     progress(before + done, len(self.vocabularies) * len(images))
 
             crops = _describe(images, kind, report)
-            rows = power_transform(match_features(crops, vocabulary))
+            straight.append(_unit_features(crops, vocabulary))
             if mirror:
-                flipped = (
-                    [crop.mirrored() for crop in crops]
-                    if KINDS[kind].mirror_free
-                    else _describe(turned, kind)
-                )
-                rows += power_transform(match_features(flipped, vocabulary))
-            columns.append(unit_rows(rows))
-        return unit_rows(np.concatenate(columns, axis=1))
+                free = KINDS[kind].mirror_free
+                flipped = [crop.mirrored() for crop in crops] if free else _describe(turned, kind)
+                mirrored.append(_unit_features(flipped, vocabulary))
+        whole = unit_rows(np.concatenate(straight, axis=1))
+        return whole, unit_rows(np.concatenate(mirrored, axis=1)) if mirror else whole
 
     def parts(self) -> tuple[dict[str, float], dict[str, npt.NDArray[np.float32]]]:
         """What a file holds of the words: widths of the match kernels, and words (w, k), by kind."""
@@ -119,6 +116,10 @@ class SurfaceWords:
             return cls.of_parts(header["gammas"], arrays)
         except (*DAMAGED, DepthprintError) as error:
             raise ModelError(f"{path}: expected whole surface words, got {error}") from error
+
+
+def _unit_features(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) -> Float32Array:
+    return unit_rows(power_transform(match_features(crops, vocabulary)))
 
 
 def _describe(

@@ -56,13 +56,16 @@ class TrainedRecogniser:
         labels: Sequence[str],
         sources: Sequence[str],
         calibration: Calibration,
+        multipliers: npt.NDArray[np.float32] | None = None,
     ) -> None:
         self.encoder = encoder
         self.stored = stored
         self.view_labels = tuple(labels)
         self.sources = tuple(sources)
         self.calibration = calibration
-        self._fused = FusedRecogniser().fit(stored.views.compared_with(stored.views), np.asarray(labels))
+        self._fused = FusedRecogniser().fit(
+            stored.views.compared_with(stored.views), np.asarray(labels), multipliers
+        )
 
     @classmethod
     def fit(
@@ -106,6 +109,11 @@ class TrainedRecogniser:
     def labels(self) -> tuple[str, ...]:
         """The classes, sorted."""
         return tuple(str(label) for label in self._fused.labels)
+
+    @property
+    def multipliers(self) -> npt.NDArray[np.float32] | None:
+        """What the support vector machine learned, (2 n, c); None where surfaces are not compared."""
+        return self._fused.multipliers
 
     def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
         """Recognise one view, or several views of one object; their scores are averaged."""
