@@ -97,7 +97,9 @@ class SurfaceComparisons:
                 straight, mirrored = self._words.only(kind).features(images, mirror=mirror, progress=progress)
                 crossed = straight @ mirrored.T
                 # Equal but for rounding: mirroring both changes nothing.
-                self._kernels[kind, mirror] = SurfaceKernels(straight @ straight.T, (crossed + crossed.T) / 2)
+                self._kernels[kind, mirror] = SurfaceKernels(
+                    straight @ straight.T, np.float32(0.5) * (crossed + crossed.T)
+                )
         chosen = [self._kernels[kind, mirror] for kind in kinds]
         straight, crossed = (
             np.asarray(np.mean([getattr(k, name) for k in chosen], axis=0), dtype=np.float32)

@@ -217,4 +217,18 @@ def make_object_methods(
             own = method.comparisons
             own.shared_surfaces = surfaces
             method.comparisons = shared.setdefault(id(own.encoder), own)
+    _share_descriptors(methods)
     return methods
+
+
+def _share_descriptors(methods: Sequence[ObjectMethod]) -> None:
+    """Let rows of kernel descriptors with the same options describe views and learn words once."""
+    if not any(method.name.startswith("kdes-") for method in methods):
+        return
+    from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
+
+    shared: dict[tuple[object, ...], KernelDescriptorViews] = {}
+    for method in methods:
+        if isinstance(method, LinearSvmMethod) and isinstance(method.features, KernelDescriptorViews):
+            views = method.features
+            views.described = shared.setdefault(views.described.options, views).described
