@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from depthprint.baselines.kernel_descriptors.estimators import kernel_descriptor_classifier, power_transform
+from depthprint.baselines.kernel_descriptors.estimators import kernel_descriptor_classifier
 from depthprint.baselines.kernel_descriptors.kinds import KINDS
+from depthprint.baselines.kernel_descriptors.match_features import power_transform
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.baselines.sparse_pyramid import sparse_pyramid_features
 from depthprint.datasets.uw_rgbd_object import cad51
@@ -14,7 +15,7 @@ from depthprint.encoder import Encoder
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.objects import category_folds
 from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
-from depthprint.object_methods import OBJECT_METHODS, make_object_method
+from depthprint.object_methods import OBJECT_METHODS, make_object_method, make_object_methods
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.simulation.objects import simulated_objects
 
@@ -141,3 +142,28 @@ def test_cad51_categories_are_learned(data_root, name, least):
     method = make_object_method(name)
     method.prepare([objects.read(view) for view in views])
     assert np.mean(method.predict(train, labels[train], test) == labels[test]) > least
+
+
+def test_rows_of_kernel_descriptors_describe_views_once_and_agree_with_rows_alone(crops, monkeypatch):
+    from depthprint.baselines.kernel_descriptors import described_views
+
+    images, labels = crops
+    described = []
+    original = described_views.describe_crops
+
+    def counted(images, kind, **options):
+        described.append((kind, options["masked"], len(images)))
+        return original(images, kind, **options)
+
+    monkeypatch.setattr(described_views, "describe_crops", counted)
+    test = np.arange(0, 18, 3)
+    train = np.setdiff1d(np.arange(18), test)
+    rows = make_object_methods(["kdes-size", "kdes-all", "kdes-size-aided"])
+    for method in rows:
+        method.prepare(images)
+    assert sorted(described) == sorted([(kind, False, 18) for kind in KINDS] + [("size", True, 18)])
+    together = [method.scores(train, labels[train], test)[0] for method in rows]
+    alone = make_object_method("kdes-all")
+    alone.prepare(images)
+    np.testing.assert_array_equal(together[1], alone.scores(train, labels[train], test)[0])
+    assert not np.array_equal(together[0], together[2])

@@ -17,10 +17,12 @@ from depthprint.datasets.simulated_street import simulated_street
 from depthprint.encoder import Encoder
 from depthprint.range_image import RangeImage
 from depthprint.simulation.training import object_crops
+from depthprint.surface_words import SHIPPED, SurfaceWords
 
 MODELS = Path(__file__).parents[1] / "src" / "depthprint" / "models"
 TOWNS = (11, 12, 13)
 ROOMS = 21
+SURFACES = SHIPPED.stem
 
 
 def spread(sequence: RangeSequence, count: int) -> list[RangeImage]:
@@ -51,17 +53,23 @@ TRAINING = {
 }
 
 
+def train(preset: str) -> tuple[Path, int]:
+    """Train and save one model; its path, and how many simulated images it learned from."""
+    if preset == SURFACES:
+        images = object_crops(400)
+        return SurfaceWords.learn(images).save(SHIPPED), len(images)
+    images = TRAINING[preset]()
+    return Encoder.from_preset(preset).fit(images).save(MODELS / f"{preset}.npz"), len(images)
+
+
 def main(presets: Sequence[str]) -> None:
     """Train and save the named presets, all by default."""
     MODELS.mkdir(exist_ok=True)
-    for preset in presets or TRAINING:
+    for preset in presets or (*TRAINING, SURFACES):
         started = time.perf_counter()
-        images = TRAINING[preset]()
-        path = Encoder.from_preset(preset).fit(images).save(MODELS / f"{preset}.npz")
+        path, count = train(preset)
         seconds = time.perf_counter() - started
-        print(
-            f"{path.name}: {len(images)} simulated images, {path.stat().st_size // 1024} KiB, {seconds:.0f} s"
-        )
+        print(f"{path.name}: {count} simulated images, {path.stat().st_size // 1024} KiB, {seconds:.0f} s")
 
 
 if __name__ == "__main__":

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.classification import NearestComplexityClassifier, class_distances
-from depthprint.errors import DataError
-from depthprint.object_comparisons import ObjectComparisons
+from depthprint.errors import DataError, SettingsError
+from depthprint.object_comparisons import ObjectComparisons, SurfaceKernels
 from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures
-from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser, ViewComparison, fused_comparison
 from depthprint.range_image import RangeImage
 
-__all__ = ["EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
+__all__ = ["ALL_PARTS", "EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
 
 Progress = Callable[[int, int], None]
 IndexArray = npt.NDArray[np.int64]
@@ -25,6 +24,13 @@ FloatArray = npt.NDArray[np.float64]
 # More landmarks than this make the eigenvectors dearer than the distances.
 MAX_LANDMARKS = 1500
 _SVM_COST = 10.0
+_KINDS_OF_PARTS = {
+    "codes": ("code_kernel", "codes"),
+    "complexities": ("complexities",),
+    "surfaces": ("surfaces",),
+    "sizeless": ("sizeless",),
+}
+ALL_PARTS = ("codes", "complexities", "surfaces")
 _ROWS_PER_CALL = 256
 
 
@@ -121,15 +127,20 @@ class EncodedSVM(EncodedMethod):
 
 
 class EncodedRecogniser(EncodedMethod):
-    """The recogniser that ships: discriminants over pooled codes and information distance, and nearest views.
+    """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
 
-    ``with_complexities`` False leaves the information distance out: what it adds.
+    The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
+    used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds.
     """
 
-    def __init__(self, name: str, comparisons: ObjectComparisons, *, with_complexities: bool = True) -> None:
-        kinds = ["code_kernel", "codes"] + (["complexities"] if with_complexities else [])
-        super().__init__(name, comparisons, kinds)
-        self._with_complexities = with_complexities
+    def __init__(
+        self, name: str, comparisons: ObjectComparisons, *, parts: Sequence[str] = ALL_PARTS
+    ) -> None:
+        unknown = sorted(set(parts) - set(_KINDS_OF_PARTS))
+        if unknown or not parts:
+            raise SettingsError(f"method {name!r}: expected parts of {list(_KINDS_OF_PARTS)}, got {unknown}")
+        super().__init__(name, comparisons, [kind for part in parts for kind in _KINDS_OF_PARTS[part]])
+        self._parts = tuple(parts)
 
     def scores(
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
@@ -137,19 +148,27 @@ class EncodedRecogniser(EncodedMethod):
         """Scores of the fused recogniser."""
         if not len(train) or not len(test):
             raise DataError(f"method {self.name!r}: expected views to train on and to test, got none")
-        codes = self.comparisons.code_kernel()
-        cosine = self.comparisons.codes().nearer()
-        kernels: list[npt.NDArray[Any]] = [codes[np.ix_(rows, train)] for rows in (train, test)]
-        distances = [[cosine[np.ix_(rows, train)]] for rows in (train, test)]
-        if self._with_complexities:
-            complexities = self.comparisons.complexities()
-            learned, asked = distance_features(complexities, train, test)
-            nearer = complexities.nearer()
-            for part, rows, features in ((0, train, learned), (1, test, asked)):
-                kernels[part] = (kernels[part] + features @ learned.T) / 2
-                distances[part].append(nearer[np.ix_(rows, train)])
-        recogniser = FusedRecogniser().fit(ViewComparison(kernels[0], tuple(distances[0])), train_labels)
-        return recogniser.scores(ViewComparison(kernels[1], tuple(distances[1]))), recogniser.labels
+        stored, asked = [], []
+        for part in self._parts:
+            stored.append(self._compared(part, train, train))
+            asked.append(self._compared(part, test, train))
+        shares = [KERNEL_SHARES[part] for part in self._parts]
+        recogniser = FusedRecogniser().fit(fused_comparison(stored, shares), train_labels)
+        return recogniser.scores(fused_comparison(asked, shares)), recogniser.labels
+
+    def _compared(self, part: str, rows: IndexArray, train: IndexArray) -> ViewComparison:
+        """How views ``rows`` compare with training views by one part."""
+        grid = np.ix_(rows, train)
+        if part == "complexities":
+            found = self.comparisons.complexities()
+            learned, asked = distance_features(found, train, rows)
+            return ViewComparison(asked @ learned.T, (found.nearer()[grid],))
+        if part == "codes":
+            nearer = self.comparisons.codes().nearer()
+            return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
+        surfaces: SurfaceKernels = getattr(self.comparisons, part)()
+        machine = surfaces.with_mirrored(rows, train, both=rows is train)
+        return ViewComparison(surfaces.summed()[grid], (surfaces.nearer()[grid],), machine)
 
 
 def distance_features(

@@ -8,11 +8,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.estimators import power_transform
-from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
-from depthprint.baselines.kernel_descriptors.match_features import learn_vocabulary, match_features
-from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, mirrored_image
-from depthprint.baselines.linear_svm import GramSvm, gram_matrix
+from depthprint.baselines.kernel_descriptors.described_views import DescribedViews, inner_products
+from depthprint.baselines.linear_svm import GramSvm
 from depthprint.errors import DataError
 from depthprint.range_image import RangeImage
 
@@ -20,6 +17,7 @@ __all__ = ["FixedFeatures", "KernelDescriptorViews", "LinearSvmMethod", "ViewFea
 
 Float32Array = npt.NDArray[np.float32]
 IndexArray = npt.NDArray[np.int64]
+Products = tuple[Float32Array, Float32Array]
 Progress = Callable[[int, int], None]
 
 
@@ -35,6 +33,9 @@ class ViewFeatures(Protocol):
         Where mirrored views train too, their rows follow the straight ones.
         """
 
+    def products(self, train: IndexArray, test: IndexArray) -> Products:
+        """Inner products (n, n) among training rows, and (m, n) of test rows with them, over all columns."""
+
 
 class LinearSvmMethod:
     """An object method: one-vs-rest squared-hinge machine (GramSvm) over features of single views.
@@ -45,18 +46,18 @@ class LinearSvmMethod:
     def __init__(self, name: str, features: ViewFeatures, *, C: float) -> None:
         self.name = name
         self.us_per_pair = float("nan")
-        self._features = features
+        self.features = features
         self._C = C
 
     def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:
         """Describe all views once."""
-        self._features.prepare(images, progress)
+        self.features.prepare(images, progress)
 
     def scores(
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
     ) -> tuple[npt.NDArray[np.float64], IndexArray]:
         """Margins (n_test, n_labels), and the labels (n_labels,) of their columns; views may be added up."""
-        among, across = _inner_products(self._features.blocks(train, test))
+        among, across = self.features.products(train, test)
         machine = GramSvm(self._C).fit(among, np.tile(train_labels, len(among) // len(train)))
         return machine.scores(across), np.asarray(machine.labels)
 
@@ -94,13 +95,16 @@ class FixedFeatures:
             known = np.concatenate([known, self._mirrored[train]])
         yield known, self._straight[test]
 
+    def products(self, train: IndexArray, test: IndexArray) -> Products:
+        """Products of whole rows."""
+        return _summed(inner_products(*block) for block in self.blocks(train, test))
+
 
 class KernelDescriptorViews:
     """Match features of one or several kernel descriptors, side by side.
 
-    The descriptors of a view are the same for every split; the words are learned anew from the training views of
-    each split, mirrored ones left out. masked: leave out the depth around the object. mirror: mirrored views
-    train too.
+    masked: leave out the depth around the object. mirror: mirrored views train too. ``described`` holds what methods of
+    the same options may share.
     """
 
     def __init__(
@@ -112,54 +116,26 @@ class KernelDescriptorViews:
         n_words: int = 1000,
         seed: int = 0,
     ) -> None:
+        self.described = DescribedViews(mirror=mirror, masked=masked, n_words=n_words, seed=seed)
         self._kinds = tuple(kinds)
-        self._mirror = mirror
-        self._masked = masked
-        self._n_words = n_words
-        self._seed = seed
-        self._crops: dict[str, list[PatchDescriptors]] = {}
-        self._mirrored: dict[str, list[PatchDescriptors]] = {}
 
     def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:
-        """Compute all descriptors; ``progress`` counts views over all kinds."""
-        rounds = [(kind, False) for kind in self._kinds]
-        if self._mirror:
-            rounds += [(kind, True) for kind in self._kinds if not KINDS[kind].mirror_free]
-        turned = [mirrored_image(image) for image in images] if self._mirror else []
-        for number, (kind, mirrored) in enumerate(rounds):
-
-            def report(done: int, total: int, before: int = number * len(images)) -> None:
-                if progress is not None:
-                    progress(before + done, len(rounds) * len(images))
-
-            crops = describe_crops(turned if mirrored else images, kind, masked=self._masked, progress=report)
-            (self._mirrored if mirrored else self._crops)[kind] = crops
-            if self._mirror and KINDS[kind].mirror_free:
-                self._mirrored[kind] = [crop.mirrored() for crop in crops]
+        """Compute all descriptors that are not there; ``progress`` counts views over all kinds."""
+        self.described.prepare(images, self._kinds, progress)
 
     def blocks(self, train: IndexArray, test: IndexArray) -> Iterator[tuple[Float32Array, Float32Array]]:
         """One block a kind."""
-        if not self._crops:
-            raise DataError("kernel descriptors: expected prepare() to be called before views are compared")
         for kind in self._kinds:
-            known = [self._crops[kind][number] for number in train]
-            vocabulary = learn_vocabulary(
-                known, KINDS[kind].match_gamma, n_words=self._n_words, seed=self._seed
-            )
-            if self._mirror:
-                known += [self._mirrored[kind][number] for number in train]
-            asked = [self._crops[kind][number] for number in test]
-            yield (
-                power_transform(match_features(known, vocabulary)),
-                power_transform(match_features(asked, vocabulary)),
-            )
+            yield self.described.features(kind, train, test)
+
+    def products(self, train: IndexArray, test: IndexArray) -> Products:
+        """Sums over the kinds."""
+        return _summed(self.described.products(kind, train, test) for kind in self._kinds)
 
 
-def _inner_products(blocks: Iterator[tuple[Float32Array, Float32Array]]) -> tuple[Float32Array, Float32Array]:
-    """Products (n, n) among training rows and (m, n) of test rows with them; never all columns in memory."""
-    known, asked = next(blocks)
-    among, across = gram_matrix(known), asked @ known.T
-    for known, asked in blocks:
-        among += gram_matrix(known)
-        across += asked @ known.T
+def _summed(products: Iterator[Products]) -> Products:
+    """Sums of products, never more than two in memory."""
+    among, across = next(products)
+    for more_among, more_across in products:
+        among, across = among + more_among, across + more_across
     return among, across

@@ -16,7 +16,7 @@ from depthprint.object_ablations import (
     without_mirror,
     without_root,
 )
-from depthprint.object_comparisons import ObjectComparisons
+from depthprint.object_comparisons import ObjectComparisons, SurfaceComparisons
 from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.range_image import RangeImage
@@ -33,6 +33,15 @@ LOCAL_SCALING = 10
 KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
+
+# What the recogniser's kernels and neighbours are left with.
+_PARTS_WITHOUT = {
+    "no-emd": ("codes", "surfaces"),
+    "no-kdes": ("codes", "complexities"),
+    "no-size": ("codes", "complexities", "sizeless"),
+    "no-codes": ("surfaces",),
+    "only-codes": ("codes",),
+}
 
 # Asked for by name only: compressors that say no more than the others do.
 NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd")
@@ -58,18 +67,18 @@ def _emd_svm(name: str, encoder: Encoder) -> ObjectMethod:
     return EncodedSVM(name, ObjectComparisons(encoder))
 
 
-def _fused(name: str, encoder: Encoder | UncodedEncoder, with_complexities: bool = True) -> ObjectMethod:
-    from depthprint.encoded_methods import EncodedRecogniser
+def _fused(name: str, encoder: Encoder, parts: Sequence[str] | None = None) -> ObjectMethod:
+    from depthprint.encoded_methods import ALL_PARTS, EncodedRecogniser
 
-    return EncodedRecogniser(name, ObjectComparisons(encoder), with_complexities=with_complexities)
+    return EncodedRecogniser(name, ObjectComparisons(encoder), parts=ALL_PARTS if parts is None else parts)
 
 
 def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, encoder)
 
 
-def _no_emd(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, encoder, with_complexities=False)
+def _part_left_out(name: str, encoder: Encoder) -> ObjectMethod:
+    return _fused(name, encoder, _PARTS_WITHOUT[name])
 
 
 def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
@@ -85,7 +94,7 @@ def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, UncodedEncoder(encoder.settings, encoder.streams), with_complexities=False)
+    return _fused(name, UncodedEncoder(encoder.settings, encoder.streams), ("codes", "surfaces"))
 
 
 def _relaxed(name: str, encoder: Encoder) -> ObjectMethod:
@@ -141,7 +150,11 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "emd": _emd,
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
-    "no-emd": _no_emd,
+    "no-emd": _part_left_out,
+    "no-kdes": _part_left_out,
+    "no-size": _part_left_out,
+    "no-codes": _part_left_out,
+    "only-codes": _part_left_out,
     "no-coding": _no_coding,
     "random-patches": _random_patches,
     "no-mirror": _no_mirror,
@@ -195,10 +208,27 @@ def make_object_methods(
     """
     from depthprint.encoded_methods import EncodedMethod
 
-    methods = [make_object_method(name, preset, model) for name in names]
+    encoder = load_shipped_encoder(preset) if model is None else model
+    methods = [make_object_method(name, preset, encoder) for name in names]
     shared: dict[int, ObjectComparisons] = {}
+    surfaces = SurfaceComparisons()
     for method in methods:
         if isinstance(method, EncodedMethod):
             own = method.comparisons
+            own.shared_surfaces = surfaces
             method.comparisons = shared.setdefault(id(own.encoder), own)
+    _share_descriptors(methods)
     return methods
+
+
+def _share_descriptors(methods: Sequence[ObjectMethod]) -> None:
+    """Let rows of kernel descriptors with the same options describe views and learn words once."""
+    if not any(method.name.startswith("kdes-") for method in methods):
+        return
+    from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
+
+    shared: dict[tuple[object, ...], KernelDescriptorViews] = {}
+    for method in methods:
+        if isinstance(method, LinearSvmMethod) and isinstance(method.features, KernelDescriptorViews):
+            views = method.features
+            views.described = shared.setdefault(views.described.options, views).described

@@ -1,7 +1,8 @@
-"""The fused recogniser of objects: discriminants over two kernels, and the nearest stored views."""
+"""The fused recogniser of objects: a discriminant, a support vector machine, and the nearest stored views."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,14 +13,17 @@ from depthprint.classification import NearestComplexityClassifier, class_distanc
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 
-__all__ = ["FusedRecogniser", "ViewComparison"]
+__all__ = ["KERNEL_SHARES", "FusedRecogniser", "ViewComparison", "fused_comparison"]
 
 FloatArray = npt.NDArray[np.float64]
 
-# Chosen on cad51's first view of each turn; see docs/results.md. Halves and doubles of both do nearly as well.
+# Chosen by nested splits of training objects; halves and doubles of each do nearly as well.
 SHRINKAGE = 0.5
-NEAREST_SHARE = 0.5
+NEAREST_SHARE = 1.0
 LOCAL_SCALING = 10
+MACHINE_C = 40.0
+# Shares of what views are compared by in the discriminant's kernel.
+KERNEL_SHARES = {"codes": 2.0, "complexities": 1.0, "surfaces": 4.0, "sizeless": 4.0}
 
 
 @dataclass(frozen=True)
@@ -27,18 +31,30 @@ class ViewComparison:
     """How views (m) compare with the stored views (n).
 
     kernel: (m, n) of the discriminant. distances: (m, n) matrices of the nearest-neighbour terms, one each.
+    machine_kernel: (m, k n) inner products for the support vector machine, k = 2 where mirror images of the stored
+    views train too and follow them, else 1; among the stored views (k n, k n). None where there is no machine.
     """
 
     kernel: npt.NDArray[np.floating[Any]]
     distances: tuple[npt.NDArray[np.floating[Any]], ...] = field(default=())
+    machine_kernel: npt.NDArray[np.floating[Any]] | None = None
+
+
+def fused_comparison(parts: Sequence[ViewComparison], shares: Sequence[float]) -> ViewComparison:
+    """Weighted mean of the kernels, all matrices of distances, and the machine's kernel of the part that has one."""
+    kernel = sum(
+        share * np.asarray(p.kernel, dtype=np.float64) for p, share in zip(parts, shares, strict=True)
+    )
+    machine = next((p.machine_kernel for p in parts if p.machine_kernel is not None), None)
+    distances = tuple(matrix for p in parts for matrix in p.distances)
+    return ViewComparison(np.asarray(kernel) / sum(shares), distances, machine)
 
 
 class FusedRecogniser:
-    """Sum of standardised scores: a kernel discriminant, and half of it the nearest stored view of each class.
+    """Sum of standardised scores: a kernel discriminant, a support vector machine, and the nearest view of each class.
 
-    The discriminant knows what varies within classes; the nearest neighbour, with local scaling, knows classes that
-    fall into several kinds. Either alone is weaker in category or in instance. Scores of several views of one object
-    add up.
+    The discriminant knows what varies within classes, the machine what lies between them; the nearest neighbour, with
+    local scaling, knows classes that fall into several kinds. Scores of several views of one object add up.
     """
 
     def __init__(
@@ -52,6 +68,7 @@ class FusedRecogniser:
         self._discriminant = KernelDiscriminant(shrinkage)
         self._local_scaling = local_scaling
         self._nearest: list[NearestComplexityClassifier] = []
+        self.multipliers: npt.NDArray[np.float32] | None = None
 
     @property
     def labels(self) -> npt.NDArray[Any]:
@@ -60,28 +77,55 @@ class FusedRecogniser:
             raise ModelError("FusedRecogniser: not fitted")
         return self._discriminant.labels
 
-    def fit(self, stored: ViewComparison, labels: npt.ArrayLike) -> FusedRecogniser:
-        """Learn from how the stored views compare among themselves, all (n, n), and their labels (n,)."""
+    def fit(
+        self,
+        stored: ViewComparison,
+        labels: npt.ArrayLike,
+        multipliers: npt.NDArray[np.float32] | None = None,
+    ) -> FusedRecogniser:
+        """Learn from how the stored views compare among themselves and their labels (n,).
+
+        multipliers: (k n, c) of a machine learned before from the same; None learns them.
+        """
         self._discriminant.fit(stored.kernel, labels)
         m = min(self._local_scaling, len(self._discriminant.weights) - 1)
         self._nearest = [
             NearestComplexityClassifier(local_scaling=m).fit(distances, labels)
             for distances in stored.distances
         ]
+        self.multipliers = multipliers
+        if stored.machine_kernel is not None and multipliers is None:
+            self.multipliers = _machine_multipliers(stored.machine_kernel, np.asarray(labels))
         return self
 
     def scores(self, queries: ViewComparison) -> FloatArray:
-        """Scores (m, c), larger is better, from how queries compare with the stored views, all (m, n)."""
+        """Scores (m, c), larger is better, from how queries compare with the stored views."""
         if len(queries.distances) != len(self._nearest):
             raise DataError(
                 f"FusedRecogniser: expected {len(self._nearest)} matrices of distances, "
                 f"got {len(queries.distances)}"
             )
         total = standardised(self._discriminant.scores(queries.kernel))
+        if self.multipliers is not None:
+            if queries.machine_kernel is None or queries.machine_kernel.shape[1] != len(self.multipliers):
+                raise DataError(
+                    f"FusedRecogniser: expected a machine kernel (m, {len(self.multipliers)}), "
+                    f"got {None if queries.machine_kernel is None else queries.machine_kernel.shape}"
+                )
+            total += standardised(np.asarray(queries.machine_kernel @ self.multipliers, dtype=np.float64))
         for classifier, distances in zip(self._nearest, queries.distances, strict=True):
             nearest = -class_distances(classifier, distances)
             total += self.nearest_share / len(self._nearest) * standardised(nearest)
         return total
+
+
+def _machine_multipliers(
+    kernel: npt.NDArray[np.floating[Any]], labels: npt.NDArray[Any]
+) -> npt.NDArray[np.float32]:
+    from depthprint.baselines.linear_svm import GramSvm
+
+    repeated = np.tile(labels, len(kernel) // len(labels))
+    return GramSvm(MACHINE_C).fit(np.asarray(kernel, dtype=np.float32), repeated).multipliers
 
 
 def standardised(scores: FloatArray) -> FloatArray:

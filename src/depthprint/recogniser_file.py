@@ -17,6 +17,7 @@ from depthprint.object_kernels import DistanceFeatures
 from depthprint.recogniser_calibration import Calibration
 from depthprint.signature import SignatureBatch
 from depthprint.stored_views import StoredViews, ViewFeatures
+from depthprint.surface_words import SurfaceWords
 
 if TYPE_CHECKING:
     from depthprint.trained_recogniser import TrainedRecogniser
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -44,11 +45,19 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         "temperature": recogniser.calibration.temperature,
         "novelty": recogniser.calibration.novelty,
         "distance_scale": stored.distance_features.scale,
+        "surface_gammas": None,
     }
     arrays["directions"] = stored.directions.astype(np.float16)
     arrays["landmark_basis"] = stored.distance_features.basis
     for kind in ("straight", "mirrored", "landmark"):
         arrays[kind] = getattr(stored.views, kind)
+    if stored.words is not None:
+        header["surface_gammas"], words = stored.words.parts()
+        arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
+        arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
+        arrays["surface"] = np.asarray(stored.views.surface)
+        arrays["mirrored_surface"] = np.asarray(stored.views.mirrored_surface)
+        arrays["multipliers"] = np.asarray(recogniser.multipliers)
     for number in range(len(encoder.settings.streams)):
         batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])
         arrays |= {
@@ -73,15 +82,33 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
             distance_features=DistanceFeatures.restored(
                 float(header["distance_scale"]), arrays["landmark_basis"]
             ),
-            views=ViewFeatures(arrays["straight"], arrays["mirrored"], arrays["landmark"]),
+            views=ViewFeatures(
+                arrays["straight"],
+                arrays["mirrored"],
+                arrays["landmark"],
+                surface=arrays.get("surface"),
+                mirrored_surface=arrays.get("mirrored_surface"),
+            ),
+            words=_surface_words(header["surface_gammas"], arrays),
+            surface_directions=arrays["surface_directions"].astype(np.float32)
+            if "surface_directions" in arrays
+            else None,
         )
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
         calibration = Calibration(float(header["temperature"]), novelty)
-        return TrainedRecogniser(encoder, stored, header["labels"], header["sources"], calibration)
+        return TrainedRecogniser(
+            encoder, stored, header["labels"], header["sources"], calibration, arrays.get("multipliers")
+        )
     except ModelError:
         raise
     except (*DAMAGED, DepthprintError) as error:
         raise ModelError(f"{path}: expected a whole recogniser file, got {error}") from error
+
+
+def _surface_words(gammas: dict[str, float] | None, arrays: Arrays) -> SurfaceWords | None:
+    if gammas is None:
+        return None
+    return SurfaceWords.of_parts(gammas, {kind: arrays[f"surface_words_{kind}"] for kind in gammas})
 
 
 def _landmarks(encoder: Encoder, arrays: Arrays) -> tuple[Encoding, ...]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
+from depthprint.errors import DataError
 from depthprint.object_distances import compare_complexities
 from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings, unit_rows
-from depthprint.object_recogniser import ViewComparison
+from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_comparison
+from depthprint.range_image import RangeImage
+from depthprint.surface_words import SurfaceWords
 
 __all__ = ["MAX_DIRECTIONS", "MAX_LANDMARKS", "StoredViews", "ViewFeatures", "store_views"]
 
@@ -27,70 +30,129 @@ class ViewFeatures:
     """Views as short vectors, (n, r) each, read-only.
 
     straight, mirrored: unit pooled codes along the leading directions; ``mirrored`` equals ``straight`` where the
-    preset does not mirror. landmark: unit features of the information distance to the landmarks.
+    preset does not mirror. landmark: unit features of the information distance to the landmarks. surface,
+    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared.
     """
 
     straight: Float32Array
     mirrored: Float32Array
     landmark: Float32Array
+    surface: Float32Array | None = None
+    mirrored_surface: Float32Array | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.straight, self.mirrored, self.landmark):
-            array.setflags(write=False)
+        for array in self._arrays():
+            if array is not None:
+                array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.straight)
 
+    def _arrays(self) -> tuple[Float32Array | None, ...]:
+        return self.straight, self.mirrored, self.landmark, self.surface, self.mirrored_surface
+
     def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
         """Some of the views."""
-        return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows])
+        surface, mirrored = (
+            None if array is None else array[rows] for array in (self.surface, self.mirrored_surface)
+        )
+        return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows], surface, mirrored)
 
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
-        kernel = unit_rows(self.straight + self.mirrored) @ unit_rows(stored.straight + stored.mirrored).T
-        cosine = np.maximum(self.straight @ stored.straight.T, self.mirrored @ stored.straight.T)
-        if self is stored:
-            cosine = np.maximum(cosine, cosine.T)
-        kernel = (kernel + self.landmark @ stored.landmark.T) / 2
-        return ViewComparison(kernel, (np.maximum(1.0 - cosine, 0.0),))
+        kernel, nearest = _mirrored_kernel(self.straight, self.mirrored, stored.straight, stored.mirrored)
+        parts = [ViewComparison(kernel, (nearest,)), ViewComparison(self.landmark @ stored.landmark.T)]
+        shares = [KERNEL_SHARES["codes"], KERNEL_SHARES["complexities"]]
+        if self.surface is not None and self.mirrored_surface is not None:
+            if stored.surface is None or stored.mirrored_surface is None:
+                raise DataError("views: expected stored views with surface vectors, got some without")
+            kernel, nearest = _mirrored_kernel(
+                self.surface, self.mirrored_surface, stored.surface, stored.mirrored_surface
+            )
+            known = np.concatenate([stored.surface, stored.mirrored_surface])
+            machine = (known if self is stored else self.surface) @ known.T
+            parts.append(ViewComparison(kernel, (nearest,), machine))
+            shares.append(KERNEL_SHARES["surfaces"])
+        return fused_comparison(parts, shares)
+
+
+def _mirrored_kernel(
+    straight: Float32Array, mirrored: Float32Array, stored: Float32Array, stored_mirrored: Float32Array
+) -> tuple[Float32Array, Float32Array]:
+    """Kernel of the sums of views and mirror images, and one minus the cosine of the nearer."""
+    kernel = unit_rows(straight + mirrored) @ unit_rows(stored + stored_mirrored).T
+    cosine = np.maximum(straight @ stored.T, mirrored @ stored.T)
+    if straight is stored:
+        cosine = np.maximum(cosine, cosine.T)
+    return kernel, np.maximum(1.0 - cosine, 0.0)
 
 
 @dataclass(frozen=True)
 class StoredViews:
-    """Directions of the pooled codes (d, r), landmark encodings with their features, and the views learned from."""
+    """Directions of the pooled codes (d, r), landmark encodings with their features, and the views learned from.
+
+    words, surface_directions: the vocabulary of the surface vectors and their directions; None where surfaces are not
+    compared.
+    """
 
     directions: Float32Array
     landmarks: tuple[Encoding, ...]
     distance_features: DistanceFeatures
     views: ViewFeatures
+    words: SurfaceWords | None = None
+    surface_directions: Float32Array | None = None
 
-    def describe(self, encoder: Encoder, encodings: Sequence[Encoding]) -> ViewFeatures:
-        """Bring encodings of the same encoder into the form of the stored views."""
+    def describe(
+        self, encoder: Encoder, encodings: Sequence[Encoding], images: Sequence[RangeImage]
+    ) -> ViewFeatures:
+        """Bring images, encoded by the same encoder, into the form of the stored views."""
+        surfaces: list[Float32Array] = []
+        if self.words is not None and self.surface_directions is not None:
+            whole = self.words.features(images, mirror=encoder.settings.mirror)
+            surfaces = [unit_rows(rows @ self.surface_directions) for rows in whole]
         straight = unit_rows(code_vectors(encoder, encodings) @ self.directions)
         mirrored = straight
         if encoder.settings.mirror:
             mirrored = unit_rows(code_vectors(encoder, mirrored_encodings(encodings)) @ self.directions)
         distances = compare_complexities(encoder, encodings, self.landmarks)
-        return ViewFeatures(straight, mirrored, self.distance_features.of(distances))
+        return ViewFeatures(straight, mirrored, self.distance_features.of(distances), *surfaces)
 
 
-def store_views(encoder: Encoder, encodings: Sequence[Encoding], seed: int) -> StoredViews:
+def store_views(
+    encoder: Encoder,
+    encodings: Sequence[Encoding],
+    images: Sequence[RangeImage],
+    seed: int,
+    words: SurfaceWords | None = None,
+) -> StoredViews:
     """Learn the leading directions of the views' codes, and choose landmarks evenly among the views.
 
-    Directions are singular vectors of the codes of views and mirror images (randomised, seeded), rounded to the 16 bits
-    that a file keeps, so that a saved and loaded recogniser gives the same numbers.
+    Directions are singular vectors of the codes of views and mirror images, and of the surface vectors where
+    ``words`` are given (randomised, seeded), rounded to the 16 bits that a file keeps, so that a saved and loaded
+    recogniser gives the same numbers.
     """
-    from sklearn.utils.extmath import randomized_svd
-
     vectors = code_vectors(encoder, encodings)
     if encoder.settings.mirror:
         vectors = np.concatenate([vectors, code_vectors(encoder, mirrored_encodings(encodings))])
-    count = min(MAX_DIRECTIONS, *vectors.shape)
-    _, _, rows = randomized_svd(vectors, count, n_iter=2, random_state=seed)
-    directions = np.ascontiguousarray(rows.T).astype(np.float16).astype(np.float32)
+    directions = _leading_directions(vectors, seed)
     chosen = np.unique(np.linspace(0, len(encodings) - 1, MAX_LANDMARKS).astype(np.int64))
     landmarks = tuple(encodings[int(k)] for k in chosen)
     learned = DistanceFeatures(compare_complexities(encoder, landmarks))
     empty = np.zeros((0, 0), dtype=np.float32)
-    unfilled = StoredViews(directions, landmarks, learned, ViewFeatures(empty, empty, empty))
-    return StoredViews(directions, landmarks, learned, unfilled.describe(encoder, encodings))
+    surface_directions = None
+    if words is not None:
+        surface_directions = _leading_directions(
+            np.concatenate(words.features(images, mirror=encoder.settings.mirror)), seed
+        )
+    unfilled = StoredViews(
+        directions, landmarks, learned, ViewFeatures(empty, empty, empty), words, surface_directions
+    )
+    return replace(unfilled, views=unfilled.describe(encoder, encodings, images))
+
+
+def _leading_directions(vectors: Float32Array, seed: int) -> Float32Array:
+    from sklearn.utils.extmath import randomized_svd
+
+    count = min(MAX_DIRECTIONS, *vectors.shape)
+    _, _, rows = randomized_svd(vectors, count, n_iter=2, random_state=seed)
+    return np.ascontiguousarray(rows.T).astype(np.float16).astype(np.float32)

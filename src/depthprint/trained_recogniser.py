@@ -16,6 +16,7 @@ from depthprint.object_recogniser import FusedRecogniser
 from depthprint.range_image import RangeImage
 from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.stored_views import StoredViews, ViewFeatures, store_views
+from depthprint.surface_words import SurfaceWords
 
 __all__ = ["Recognition", "TrainedRecogniser"]
 
@@ -44,8 +45,8 @@ class Recognition:
 class TrainedRecogniser:
     """Name the class of one view, or of several views of one object, with a confidence, or none of the classes.
 
-    The fused recogniser over short vectors: the leading directions of the pooled codes, and the information distance
-    to a few landmarks, so that a query solves few EMDs whatever was stored.
+    The fused recogniser over short vectors: the leading directions of the pooled codes, for objects those of their
+    surfaces too, and the information distance to a few landmarks, so that a query solves few EMDs whatever was stored.
     """
 
     def __init__(
@@ -55,13 +56,16 @@ class TrainedRecogniser:
         labels: Sequence[str],
         sources: Sequence[str],
         calibration: Calibration,
+        multipliers: npt.NDArray[np.float32] | None = None,
     ) -> None:
         self.encoder = encoder
         self.stored = stored
         self.view_labels = tuple(labels)
         self.sources = tuple(sources)
         self.calibration = calibration
-        self._fused = FusedRecogniser().fit(stored.views.compared_with(stored.views), np.asarray(labels))
+        self._fused = FusedRecogniser().fit(
+            stored.views.compared_with(stored.views), np.asarray(labels), multipliers
+        )
 
     @classmethod
     def fit(
@@ -90,7 +94,9 @@ class TrainedRecogniser:
             )
         if len(set(labels)) < 2:
             raise DataError(f"recogniser: expected views of two classes or more, got {sorted(set(labels))}")
-        stored = store_views(encoder, encoder.describe_many(images, progress), seed)
+        # Presets that mirror are those of objects: masked crops, which kernel descriptors are made for.
+        words = SurfaceWords.load() if encoder.settings.mirror else None
+        stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
         calibration = calibrate(
             lambda train, known, test: _score(stored.views, train, known, test),
             np.asarray(labels),
@@ -104,12 +110,17 @@ class TrainedRecogniser:
         """The classes, sorted."""
         return tuple(str(label) for label in self._fused.labels)
 
+    @property
+    def multipliers(self) -> npt.NDArray[np.float32] | None:
+        """What the support vector machine learned, (2 n, c); None where surfaces are not compared."""
+        return self._fused.multipliers
+
     def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
         """Recognise one view, or several views of one object; their scores are averaged."""
         images = [views] if isinstance(views, RangeImage) else list(views)
         if not images:
             raise DataError("recognise: expected a view or several of one object, got none")
-        features = self.stored.describe(self.encoder, self.encoder.describe_many(images))
+        features = self.stored.describe(self.encoder, self.encoder.describe_many(images), images)
         comparison = features.compared_with(self.stored.views)
         distances = comparison.distances[0]
         scores = self._fused.scores(comparison).mean(axis=0)

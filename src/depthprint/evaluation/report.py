@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
+    "accuracy_rows",
+    "differences_from",
     "loop_records",
     "loop_report",
     "metric_rows",
@@ -31,6 +33,9 @@ __all__ = [
 Report = dict[str, Any]
 
 _LOWER_IS_BETTER = ("ms_per_query", "us_per_pair")
+# The row of the objects' table that all others are compared with, view by view.
+REFERENCE = "recogniser"
+
 _SHORT = {
     "recall_at_100_precision": "R@100P",
     "average_precision": "AP",
@@ -132,6 +137,35 @@ def object_rows(evaluation: ObjectEvaluation) -> tuple[list[str], list[list[Any]
     return header, rows
 
 
+def accuracy_rows(evaluation: ObjectEvaluation) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows, one an object: the share of its views that each method puts in its category and its instance.
+
+    What paired differences are made of, so that they can be taken between runs as well.
+    """
+    methods = evaluation.methods
+    header = ["object", *(f"{m.name}_{what}" for m in methods for what in ("category", "instance"))]
+    rows = [
+        [name]
+        + [float(shares[k]) for m in methods for shares in (m.object_accuracies, m.instance_accuracies)]
+        for k, name in enumerate(evaluation.objects)
+    ]
+    return header, rows
+
+
+def differences_from(report: Report, reference: str) -> dict[str, dict[str, tuple[float, float]]]:
+    """Paired differences, each method minus ``reference``, by method: {'category' or 'instance': (mean, error)}."""
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    for what in ("category", "instance"):
+        for pair in report.get(f"{what}_differences", []):
+            if reference not in (pair["first"], pair["second"]):
+                continue
+            is_first = pair["first"] == reference
+            other = pair["second"] if is_first else pair["first"]
+            mean = -pair["mean"] if is_first else pair["mean"]
+            found.setdefault(other, {})[what] = (mean, pair["standard_error"])
+    return found
+
+
 def _category(evaluation: ObjectEvaluation, number: int) -> str | None:
     return evaluation.categories[number] if number >= 0 else None
 
@@ -169,10 +203,16 @@ def results_table(report: Report) -> Table:
     table.add_column("method", overflow="fold")
     for metric in shown:
         table.add_column(_SHORT[metric], justify="right", no_wrap=True)
+    differences = differences_from(report, REFERENCE)
+    for what in ("category", "instance") if differences else ():
+        table.add_column(f"{what} - {REFERENCE}", justify="right")
     best = {metric: _best(metric, [figures[metric] for figures in methods.values()]) for metric in shown}
     for name, figures in methods.items():
         intervals = figures.get("intervals", {})
-        table.add_row(name, *(_cell(figures[m], intervals.get(m), m, best[m]) for m in shown))
+        cells = [_cell(figures[m], intervals.get(m), m, best[m]) for m in shown]
+        if differences:
+            cells += [_difference(differences.get(name, {}).get(what)) for what in ("category", "instance")]
+        table.add_row(name, *cells)
     return table
 
 
@@ -216,6 +256,10 @@ def _best(metric: str, values: Sequence[float | None]) -> float | None:
     if len(known) < 2 or metric == "category_accuracy_std":
         return None
     return min(known) if metric in _LOWER_IS_BETTER else max(known)
+
+
+def _difference(found: tuple[float, float] | None) -> str:
+    return "" if found is None else f"{found[0]:+.3f} +- {found[1]:.3f}"
 
 
 def _cell(

@@ -62,7 +62,13 @@ def run_evaluate_objects(
     """
     from depthprint.datasets.registry import open_objects
     from depthprint.evaluation.objects import evaluate_objects
-    from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
+    from depthprint.evaluation.report import (
+        accuracy_rows,
+        metric_rows,
+        object_report,
+        object_rows,
+        results_table,
+    )
     from depthprint.object_methods import make_object_methods, table_methods
     from depthprint.run_folder import RunFolder
     from depthprint.visualization.confusion_matrix import draw_confusion_matrix
@@ -95,6 +101,7 @@ def run_evaluate_objects(
         run.write_json("results.json", results)
         run.write_csv("metrics.csv", *metric_rows(results))
         run.write_csv("predictions.csv", *object_rows(evaluation))
+        run.write_csv("objects.csv", *accuracy_rows(evaluation))
         drawn = [
             draw_confusion_matrix(
                 evaluation.confusion(method),

@@ -17,24 +17,15 @@ from depthprint.baselines.kernel_descriptors.match_features import (
     Vocabulary,
     learn_vocabulary,
     match_features,
+    power_transform,
 )
 from depthprint.baselines.linear_svm import LinearSvm
 from depthprint.range_image import RangeImage
 
-__all__ = ["KernelDescriptorFeatures", "kernel_descriptor_classifier", "power_transform"]
+__all__ = ["KernelDescriptorFeatures", "kernel_descriptor_classifier"]
 
 Float32Array = npt.NDArray[np.float32]
 Progress = Callable[[int, int], None]
-
-POWER = 0.3
-
-
-def power_transform(features: Float32Array) -> Float32Array:
-    """sign(x) |x|^0.3: what the authors give their classifier."""
-    powers = np.abs(features)
-    np.power(powers, np.float32(POWER), out=powers)
-    np.copysign(powers, features, out=powers)
-    return powers
 
 
 class KernelDescriptorFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]

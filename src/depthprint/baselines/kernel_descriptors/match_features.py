@@ -11,7 +11,7 @@ import numpy.typing as npt
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
 from depthprint.errors import DataError, SettingsError
 
-__all__ = ["PYRAMID", "Vocabulary", "learn_vocabulary", "match_features"]
+__all__ = ["PYRAMID", "Vocabulary", "learn_vocabulary", "match_features", "power_transform"]
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -21,6 +21,7 @@ DESCRIPTORS_PER_CROP = 10
 KMEANS_STEPS = 50
 # Added to the words' kernel matrix, which near words make singular.
 RIDGE = 1e-6
+POWER = 0.3
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,14 @@ def match_features(
 
     for_blocks(len(crops), 16, block, progress)
     return features
+
+
+def power_transform(features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """sign(x) |x|^0.3: what the authors give their classifier."""
+    powers = np.abs(features)
+    np.power(powers, np.float32(POWER), out=powers)
+    np.copysign(powers, features, out=powers)
+    return powers
 
 
 def _match_kernel(points: FloatArray, words: FloatArray, gamma: float) -> FloatArray:

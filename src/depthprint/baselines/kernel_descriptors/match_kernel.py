@@ -100,4 +100,5 @@ class MatchKernel:
 
     def project(self, sums: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Descriptors (n, k) of sums of kernel evaluations, (n, a, s) float32."""
-        return np.asarray(sums.reshape(len(sums), -1) @ self.directions.reshape(-1, self.directions.shape[2]))
+        flat = self.directions.reshape(-1, self.directions.shape[2])
+        return np.asarray(sums.reshape(len(sums), len(flat)) @ flat)

@@ -96,5 +96,6 @@ def _project(coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]
     near_across = np.exp(-SPATIAL_GAMMA * (across - ACROSS_AXIS_M.astype(np.float32)) ** 2)
     counted = np.arange(coordinates.shape[1]) < counts[:, None]
     share = (counted / np.maximum(counts, 1)[:, None]).astype(np.float32)[..., None]
-    spatial = (near_along[..., :, None] * near_across[..., None, :]).reshape(*cosine.shape[:2], -1)
+    n_places = len(ALONG_AXIS_M) * len(ACROSS_AXIS_M)
+    spatial = (near_along[..., :, None] * near_across[..., None, :]).reshape(*cosine.shape[:2], n_places)
     return kernel.project(np.swapaxes(attribute * share, 1, 2) @ spatial)
