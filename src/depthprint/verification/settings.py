@@ -75,6 +75,7 @@ _CAMERA = VerificationSettings(
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
     yaw_rad=_degrees(0, -5, 5, -10, 10),
+    max_free_space_share=0.12,
 )
 _SPINNING = replace(
     _CAMERA,
@@ -83,6 +84,7 @@ _SPINNING = replace(
     tolerance=(0.3, 0.01, 0.0),
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
+    max_free_space_share=0.2,
 )
 _HAND_HELD = VerificationSettings(
     reach_m=8.0,
