@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from depthprint.errors import SettingsError
-from depthprint.polar_view import polar_view
-from depthprint.projection import LaserRow, Spherical
+from depthprint.polar_view import _grid_of_points, _grid_of_rays, polar_view
+from depthprint.projection import LaserRow, Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.settings import PolarSettings
 from synthetic import boxes, scan
@@ -70,3 +70,19 @@ def test_channels_come_in_the_order_asked_for():
 def test_unknown_channel_is_an_error_that_lists_the_known_ones():
     with pytest.raises(SettingsError, match="line-cos"):
         polar_view(scan(0), PolarSettings(), ("colour",))
+
+
+@pytest.mark.parametrize("channel", ["height", "low-count", "high-count", "count"])
+@pytest.mark.parametrize(
+    "projection", [Pinhole(90.0, 90.0, 76.8, 46.3, 155, 94), Spherical(360, 32, elevation_max_rad=0.3)]
+)
+def test_fixed_cells_of_the_rays_give_what_the_points_give(projection, channel):
+    rng = np.random.default_rng(7)
+    ranges = rng.uniform(0.5, 60.0, (projection.height, projection.width)).astype(np.float32)
+    ranges[rng.random(ranges.shape) < 0.2] = np.nan
+    image = RangeImage(ranges, projection, sensor_height_m=1.6)
+    for settings in (PolarSettings(), PolarSettings(sectors=60, full_circle=True, ring_growth=1.1)):
+        by_rays = _grid_of_rays(image, settings, (channel,))
+        by_points = _grid_of_points(image, settings, (channel,))
+        assert by_points[0].any()
+        np.testing.assert_allclose(by_rays, by_points, atol=1e-6)

@@ -251,11 +251,13 @@ def test_seconded_match_needs_less_overlap():
 
 def test_missing_small_gicp_names_the_pip_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
-    view = seen(block_world(3), STEREO, pose_at(STEREO, 0, 0, 0.3, 1.6), 1.6)
+    scene = block_world(1, extent_m=4.0, size_m=1.2, blocks=120)
+    view = seen(scene, HAND_HELD, pose_at(HAND_HELD, 0, 0, 0.3, 1.2), None)
     with pytest.raises(MissingExtraError, match=r"pip install 'depthprint\[slam\]'"):
         GeometricVerifier().verify(view, view)
-    row = seen(block_world(3), ROW, pose_at(ROW, 0, 0, 0.3, 0.5), 0.5)
-    assert GeometricVerifier().verify(row, row).accepted
+    for projection, height in SENSORS.values():
+        view = seen(block_world(3), projection, pose_at(projection, 0, 0, 0.3, height), height)
+        assert GeometricVerifier().verify(view, view).accepted
 
 
 def test_absent_kiss_matcher_is_said(monkeypatch):

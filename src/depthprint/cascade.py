@@ -24,8 +24,8 @@ def make_cascade(
 ) -> PlaceRecognizer:
     """Build the detector over a fitted encoder, with the stages that ``settings`` turn on.
 
-    ``views`` is shared by methods that see the same frames. Raises MissingExtraError, on its first query, when views
-    in space are to be verified without small_gicp.
+    ``views`` is shared by methods that see the same frames. Raises MissingExtraError, on its first query, when
+    hand-held views are to be verified without small_gicp.
     """
     settings = CascadeSettings() if settings is None else settings
     inner: PlaceRecognizer

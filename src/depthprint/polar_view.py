@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import SettingsError
-from depthprint.projection import LaserRow
+from depthprint.projection import LaserRow, Projection
 from depthprint.range_image import RangeImage
 from depthprint.settings import PolarSettings
+
+FloatArray = npt.NDArray[np.float64]
 
 __all__ = ["POLAR_CHANNELS", "polar_view", "turn_of_shift"]
 
@@ -45,19 +48,69 @@ def polar_view(
         raise SettingsError(
             f"polar view: expected channels among {', '.join(POLAR_CHANNELS)}, got {unknown[0]!r}"
         )
+    lines = any(name.startswith("line") for name in channels)
+    # Few returns, or their order matters: point by point; a whole image goes by the fixed cells of its rays.
+    pointwise = lines or isinstance(image.projection, LaserRow)
+    make = _grid_of_points if pointwise else _grid_of_rays
+    values = np.stack(make(image, settings, channels))
+    return _smooth(values.reshape(-1, settings.rings, settings.sectors), settings).astype(np.float32)
+
+
+def _grid_of_rays(image: RangeImage, settings: PolarSettings, channels: tuple[str, ...]) -> list[FloatArray]:
+    """Channels (cells,) of what is above the ground; a pixel's sector, and its way out and up, are known beforehand."""
+    from depthprint._kernels.polar_grid import fill_polar_grid
+
+    bands = {
+        "low-count": settings.low_band_m,
+        "high-count": settings.high_band_m,
+        "count": (-math.inf, math.inf),
+    }
+    counted = [name for name in channels if name in bands]
+    n_cells = settings.rings * settings.sectors
+    top, counts = np.zeros(n_cells), np.zeros((len(counted), n_cells))
+    rays = _polar_rays(image.projection, settings.sectors, polar_span(image, settings))
+    fill_polar_grid(
+        image.ranges_m, *rays, _sensor_height_m(image), settings.ground_clearance_m, ring_edges(settings),
+        settings.sectors, np.array([bands[name] for name in counted]).reshape(-1, 2), top, counts,
+    )  # fmt: skip
+    nominal = _NOMINAL_PIXELS / image.ranges_m.size
+    made = dict(zip(counted, np.log1p(counts * nominal), strict=True))
+    made["height"] = np.clip(top, 0.0, settings.max_height_m) / settings.max_height_m
+    return [made[name] for name in channels]
+
+
+@lru_cache(maxsize=8)
+def _polar_rays(
+    projection: Projection, sectors: int, span: float
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+    """Metres along the ground and upwards for each metre of range, and the sector or -1: (height, width) each."""
+    rays = projection.directions() @ projection.R_flu_sensor.T
+    azimuth = np.arctan2(rays[..., 1], rays[..., 0])
+    sector = np.floor((span / 2 - azimuth) / span * sectors).astype(np.int64)
+    if span >= 2 * math.pi:
+        sector %= sectors
+    sector[(sector < 0) | (sector >= sectors)] = -1
+    made = np.hypot(rays[..., 0], rays[..., 1]), np.ascontiguousarray(rays[..., 2]), sector
+    for array in made:
+        array.setflags(write=False)
+    return made
+
+
+def _grid_of_points(
+    image: RangeImage, settings: PolarSettings, channels: tuple[str, ...]
+) -> list[npt.NDArray[np.floating]]:
+    """Channels (cells,) of a frame's points: those above the ground, or all of a planar scan's."""
     planar = isinstance(image.projection, LaserRow)
     points = image.points_flu().astype(np.float64)
-    height = points[..., 2] + (
-        image.sensor_height_m if image.sensor_height_m is not None else _ASSUMED_HEIGHT_M
-    )
+    height = points[..., 2] + _sensor_height_m(image)
     keep = np.isfinite(points[..., 0])
     if not planar:
         keep &= height > settings.ground_clearance_m
     cell, inside = _cells(points[keep], image, settings)
     height = height[keep][inside]
-    grid = []
     n_cells = settings.rings * settings.sectors
     nominal = _NOMINAL_BEAMS / keep.size if planar else _NOMINAL_PIXELS / keep.size
+    grid: list[npt.NDArray[np.floating]] = []
     for name in channels:
         if name == "height":
             values: npt.NDArray[np.floating] = np.zeros(n_cells)
@@ -71,8 +124,12 @@ def polar_view(
             band = {"low-count": settings.low_band_m, "high-count": settings.high_band_m}.get(name)
             weight = None if band is None else ((height >= band[0]) & (height < band[1])).astype(np.float64)
             values = np.log1p(np.bincount(cell, weight, n_cells) * nominal)
-        grid.append(values.reshape(settings.rings, settings.sectors))
-    return _smooth(np.stack(grid), settings).astype(np.float32)
+        grid.append(values)
+    return grid
+
+
+def _sensor_height_m(image: RangeImage) -> float:
+    return _ASSUMED_HEIGHT_M if image.sensor_height_m is None else image.sensor_height_m
 
 
 def polar_span(image: RangeImage, settings: PolarSettings) -> float:

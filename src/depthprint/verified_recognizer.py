@@ -58,7 +58,7 @@ class VerifiedRecognizer:
     consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
     first, from their pose, and need less overlap. 0 turns it off.
     track: follow the motion from frame to frame by depth alone, and check first the places that it says are in view.
-    Raises SettingsError for numbers out of range; MissingExtraError (on query) without small_gicp.
+    Raises SettingsError for numbers out of range; MissingExtraError (on query) as GeometricVerifier.
     """
 
     def __init__(

@@ -53,16 +53,6 @@ class CloudAligner:
         refined = np.array(result.T_target_source, dtype=np.float64)
         return refined if np.isfinite(refined).all() else T_match_query
 
-    def residual(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> tuple[int, float]:
-        """Points of the query that have a neighbour within pairing distance, and their rms distance, metres."""
-        source, _ = self._prepared(query)
-        _, tree = self._prepared(match)
-        moved = np.asarray(source.points()) @ T_match_query.T
-        _, squared = tree.batch_nearest_neighbor_search(moved)
-        near = np.asarray(squared, dtype=np.float64)
-        near = near[near <= match.settings.max_pairing_m**2]
-        return len(near), float(np.sqrt(near.mean())) if len(near) else float("inf")
-
     def _prepared(self, view: DepthView) -> tuple[Any, Any]:
         found = self._clouds.pop(view, None)
         if found is None:

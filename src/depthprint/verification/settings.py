@@ -23,6 +23,7 @@ class VerificationSettings:
         counted, since the ground of any two streets agrees.
     forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
     coarse_overlap: a start under this overlap is not refined. refined_starts: best starts that are.
+    whole_clouds: where the quick alignment by projection comes near but does not pass, align the whole clouds too.
     max_pairing_m: points further apart are no pair in the alignment. max_offset_m: a longer T_match_query is refused.
     min_points: fewer aligned points are refused. min_overlap: least share confirmed, both ways;
         min_overlap_seconded: where a neighbouring frame was found at the same place.
@@ -40,7 +41,8 @@ class VerificationSettings:
     yaw_rad: tuple[float, ...] = (0.0,)
     pitch_rad: tuple[float, ...] = (0.0,)
     coarse_overlap: float = 0.3
-    refined_starts: int = 2
+    refined_starts: int = 4
+    whole_clouds: bool = False
     max_pairing_m: float = 1.5
     max_offset_m: float = 8.0
     min_points: int = 50
@@ -73,6 +75,7 @@ _CAMERA = VerificationSettings(
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
     yaw_rad=_degrees(0, -5, 5, -10, 10),
+    max_free_space_share=0.12,
 )
 _SPINNING = replace(
     _CAMERA,
@@ -81,6 +84,7 @@ _SPINNING = replace(
     tolerance=(0.3, 0.01, 0.0),
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
+    max_free_space_share=0.2,
 )
 _HAND_HELD = VerificationSettings(
     reach_m=8.0,
@@ -92,6 +96,7 @@ _HAND_HELD = VerificationSettings(
     max_pairing_m=0.3,
     max_offset_m=2.5,
     max_free_space_share=0.1,
+    whole_clouds=True,
 )
 _ROW = VerificationSettings(
     columns=360,
@@ -101,6 +106,7 @@ _ROW = VerificationSettings(
     forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
     sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
     yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),
+    refined_starts=2,
 )
 
 

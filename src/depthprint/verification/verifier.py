@@ -14,6 +14,7 @@ from depthprint.projection import LaserRow
 from depthprint.verification.agreement import coarse_overlaps, view_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
+from depthprint.verification.projective_alignment import ProjectiveAligner
 from depthprint.verification.scan_alignment import ScanAligner
 from depthprint.verification.settings import VerificationSettings
 from depthprint.verification.starts import (
@@ -34,6 +35,8 @@ _BESIDE = 0.15
 _CERTAIN = 0.7
 # Nor where the best one led to less than this share of the overlap that is needed.
 _HOPELESS = 0.5
+# A pose with less than this share of it is not refined on more points.
+_NEAR = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +77,30 @@ class Verification:
         return float(np.linalg.norm(self.T_match_query[:3, 3]))
 
 
+@dataclass(frozen=True, eq=False)
+class _Glance:
+    """A pose by the quick alignment, with the overlap and the share in free space there."""
+
+    pose: FloatArray
+    overlap: float
+    free: float
+    given: bool
+
+    @property
+    def agreement(self) -> float:
+        return self.overlap * (1.0 - self.free)
+
+
 class GeometricVerifier:
     """Align two views and test the pose by what each saw of the other's points.
 
-    A coarse search over ``settings`` offsets about the given yaw proposes starts, small_gicp (point-to-line
-    alignment for planar scans) refines the best, and the pose of the largest overlap is judged.
+    A coarse search over ``settings`` offsets about the given yaw proposes starts; alignment by projection (point to
+    line for planar scans) refines the best few, and the pose of the largest agreement is refined on more points, by
+    small_gicp on the whole clouds too where ``settings`` say so, and judged.
     kiss_matcher: 'fallback' asks it where no start of the search is accepted but one came near, 'never' does not.
     Without the package the search alone serves, and ``starts_from`` says so.
-    Raises MissingExtraError, when views in space are compared, without small_gicp. Not safe for several threads.
+    Raises MissingExtraError without small_gicp where ``settings`` ask for whole clouds (hand-held views). Not safe
+    for several threads.
     """
 
     def __init__(self, *, kiss_matcher: str = "never") -> None:
@@ -90,6 +109,7 @@ class GeometricVerifier:
         self._kiss = kiss_matcher == "fallback" and kiss_matcher_installed()
         self._wanted_kiss = kiss_matcher == "fallback"
         self._scans = ScanAligner()
+        self._quick = ProjectiveAligner()
         self._clouds: CloudAligner | None = None
 
     @property
@@ -120,35 +140,72 @@ class GeometricVerifier:
                 "verify: expected two views of one kind of sensor, got "
                 f"{type(query.projection).__name__} and {type(match.projection).__name__}"
             )
-        settings = match.settings
-        enough = settings.min_overlap_seconded if seconded else settings.min_overlap
+        if match.settings.whole_clouds and not isinstance(match.projection, LaserRow):
+            self._whole_clouds()  # what it lacks is said at once, not at the first pair that needs it
+        enough = match.settings.min_overlap_seconded if seconded else match.settings.min_overlap
+        given = [self._glance(query, match, np.asarray(start, dtype=np.float64), True) for start in starts]
+        if given and max(glance.overlap for glance in given) >= enough:
+            # A pose that is right already makes a search for one idle.
+            found = self._finished(query, match, max(given, key=lambda g: g.agreement), enough)
+            if found.accepted:
+                return found
         poses = self._grid(query, yaw_rad)
-        if starts:
-            poses = np.concatenate([np.stack(starts), poses])
         overlaps = coarse_overlaps(query, match, poses)
-        order = _spread_best(poses, overlaps, settings.refined_starts)
+        order = _spread_best(poses, overlaps, match.settings.refined_starts)
         best = int(order[0])
-        if overlaps[best] < settings.coarse_overlap:
+        if overlaps[best] < match.settings.coarse_overlap and not given:
             return _refused(poses[best], float(overlaps[best]), "no start brings the views to overlap")
-        aligner = self._aligner(query)
-        found: Verification | None = None
         for start in order:
-            pose = aligner.refine(query, match, poses[start])
-            origin = "given pose" if start < len(starts) else "coarse search"
-            tried = self._judge(query, match, pose, origin, enough)
-            if found is None or _rank(tried) > _rank(found):
-                found = tried
-            if (found.accepted and found.overlap > _CERTAIN) or found.overlap < _HOPELESS * enough:
+            glance = self._glance(query, match, poses[start], False)
+            given.append(glance)
+            if glance.overlap > _CERTAIN or glance.overlap < _HOPELESS * enough:
                 break
-        if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
-            start_pose = kiss_matcher_start(query, match)
-            if start_pose is not None:
-                pose = aligner.refine(query, match, start_pose)
-                tried = self._judge(query, match, pose, "kiss-matcher", enough)
-                found = max(found, tried, key=_rank)
-        if found is None:
-            raise DataError("verify: expected at least one start")
+        return self._finished(query, match, max(given, key=lambda g: g.agreement), enough)
+
+    def _glance(self, query: DepthView, match: DepthView, start: FloatArray, given: bool) -> _Glance:
+        """Where a start leads by the quick alignment, and what the views say of it."""
+        pose = self._aligner(query).refine(query, match, start)
+        there = view_agreement(query.counted, match, pose)
+        back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
+        free = max(there.free_space_share, back.free_space_share)
+        return _Glance(pose, min(there.overlap, back.overlap), free, given)
+
+    def _finished(self, query: DepthView, match: DepthView, glance: _Glance, enough: float) -> Verification:
+        """Judge the best pose of the search; one that came near is refined on more points first."""
+        origin = "given pose" if glance.given else "coarse search"
+        if isinstance(query.projection, LaserRow):
+            return self._judge(query, match, glance.pose, origin, enough)
+        if glance.overlap >= _NEAR * enough:
+            found = self._refined(query, match, glance.pose, origin, enough, match.settings.whole_clouds)
+        else:
+            reason = f"{glance.overlap:.0%} of the views agree, {enough:.0%} are needed"
+            found = _refused(glance.pose, glance.overlap, reason, glance.free, origin)
+        if self._kiss and not found.accepted:
+            start = kiss_matcher_start(query, match)
+            if start is not None:
+                pose = self._whole_clouds().refine(query, match, start)
+                found = max(
+                    found, self._refined(query, match, pose, "kiss-matcher", enough, False), key=_rank
+                )
         return found
+
+    def _refined(
+        self,
+        query: DepthView,
+        match: DepthView,
+        pose: FloatArray,
+        origin: str,
+        enough: float,
+        whole_clouds: bool,
+    ) -> Verification:
+        """The verdict on a pose once it is refined on many points, and if refused on the whole clouds first."""
+        fine = self._quick.refine(query, match, pose, fine=True)
+        found = self._judge(query, match, fine, origin, enough)
+        if found.accepted or not whole_clouds:
+            return found
+        whole = self._whole_clouds().refine(query, match, fine)
+        fine = self._quick.refine(query, match, whole, fine=True)
+        return max(found, self._judge(query, match, fine, origin, enough), key=_rank)
 
     def _grid(self, query: DepthView, yaw_rad: float | None) -> FloatArray:
         grid = pose_grid(query.settings, query.projection)
@@ -157,9 +214,10 @@ class GeometricVerifier:
             return np.concatenate([grid @ yaw_pose(float(turn), query.projection) for turn in turns])
         return grid if yaw_rad == 0.0 else np.asarray(grid @ yaw_pose(yaw_rad, query.projection))
 
-    def _aligner(self, view: DepthView) -> CloudAligner | ScanAligner:
-        if isinstance(view.projection, LaserRow):
-            return self._scans
+    def _aligner(self, view: DepthView) -> ProjectiveAligner | ScanAligner:
+        return self._scans if isinstance(view.projection, LaserRow) else self._quick
+
+    def _whole_clouds(self) -> CloudAligner:
         if self._clouds is None:
             self._clouds = CloudAligner()
         return self._clouds
@@ -205,10 +263,12 @@ def _refusal(
     return ""
 
 
-def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
+def _refused(
+    pose: FloatArray, overlap: float, reason: str, free: float = 1.0, start: str = "coarse search"
+) -> Verification:
     pose = np.array(pose, dtype=np.float64)
     pose.setflags(write=False)
-    return Verification(pose, 0, overlap, 0, 1.0, math.inf, False, reason, "coarse search")
+    return Verification(pose, 0, overlap, 0, free, math.inf, False, reason, start)
 
 
 def _rank(verification: Verification) -> tuple[bool, float]:

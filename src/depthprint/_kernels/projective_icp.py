@@ -1,0 +1,278 @@
+"""Point-to-plane alignment of points with a range image: partners are found by projection, without a tree."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from depthprint._kernels.agreement import _pixel
+
+__all__ = ["align_by_projection", "projective_residual", "window_normals"]
+
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
+
+_DAMPING = 1e-3
+
+
+@njit(cache=True, nogil=True)
+def window_normals(
+    ranges: Float32,
+    directions: Float64,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    reach: int,
+    edge_ratio: float,
+    wraps: bool,
+    points: Float64,
+    normals: Float64,
+) -> None:
+    """Fill points and normals (n, 3) of some pixels; a normal is zero where the window holds no surface.
+
+    The tangents are the regressions of the window's points on column and row; returns whose range differs by more
+    than ``edge_ratio`` of the centre's are another surface's.
+    """
+    height, width = ranges.shape
+    for k in range(len(rows)):
+        r, c = rows[k], columns[k]
+        centre = np.float64(ranges[r, c])
+        for a in range(3):
+            points[k, a] = centre * directions[r, c, a]
+            normals[k, a] = 0.0
+        n = 0
+        su = sv = suu = suv = svv = 0.0
+        sx = sy = sz = ux = uy = uz = vx = vy = vz = 0.0
+        for i in range(max(0, r - reach), min(height, r + reach + 1)):
+            for dj in range(-reach, reach + 1):
+                j = c + dj
+                if wraps:
+                    j %= width
+                elif j < 0 or j >= width:
+                    continue
+                there = np.float64(ranges[i, j])
+                if not abs(there - centre) < edge_ratio * centre:
+                    continue
+                u, v = np.float64(dj), np.float64(i - r)
+                x = there * directions[i, j, 0] - points[k, 0]
+                y = there * directions[i, j, 1] - points[k, 1]
+                z = there * directions[i, j, 2] - points[k, 2]
+                n += 1
+                su += u
+                sv += v
+                suu += u * u
+                suv += u * v
+                svv += v * v
+                sx += x
+                sy += y
+                sz += z
+                ux += u * x
+                uy += u * y
+                uz += u * z
+                vx += v * x
+                vy += v * y
+                vz += v * z
+        if n < 5:
+            continue
+        suu -= su * su / n
+        svv -= sv * sv / n
+        suv -= su * sv / n
+        if suu * svv - suv * suv < 1e-6 * suu * svv:
+            continue
+        # both tangents, up to one positive factor
+        ux, uy, uz = ux - su * sx / n, uy - su * sy / n, uz - su * sz / n
+        vx, vy, vz = vx - sv * sx / n, vy - sv * sy / n, vz - sv * sz / n
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 1e-12:
+            normals[k, 0], normals[k, 1], normals[k, 2] = nx / length, ny / length, nz / length
+
+
+@njit(cache=True, nogil=True)
+def _solve(hessian: Float64, gradient: Float64, step: Float64) -> bool:
+    """Solve the 6 x 6 system by Cholesky's factors, in place; False where it is not positive definite."""
+    for j in range(6):
+        for i in range(j, 6):
+            value = hessian[i, j]
+            for k in range(j):
+                value -= hessian[i, k] * hessian[j, k]
+            if i == j:
+                if not value > 0.0:
+                    return False
+                hessian[j, j] = math.sqrt(value)
+            else:
+                hessian[i, j] = value / hessian[j, j]
+    for i in range(6):
+        value = gradient[i]
+        for k in range(i):
+            value -= hessian[i, k] * step[k]
+        step[i] = value / hessian[i, i]
+    for i in range(5, -1, -1):
+        value = step[i]
+        for k in range(i + 1, 6):
+            value -= hessian[k, i] * step[k]
+        step[i] = value / hessian[i, i]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> None:
+    """Put exp(step) in front of a pose: step (6,) is a rotation vector and a translation."""
+    wx, wy, wz = step[0], step[1], step[2]
+    angle = math.sqrt(wx * wx + wy * wy + wz * wz)
+    a = math.sin(angle) / angle if angle > 1e-9 else 1.0
+    b = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-4 else 0.5
+    rotation[0, 0], rotation[1, 1], rotation[2, 2] = (
+        1.0 - b * (wy * wy + wz * wz),
+        1.0 - b * (wx * wx + wz * wz),
+        1.0 - b * (wx * wx + wy * wy),
+    )
+    rotation[0, 1], rotation[1, 0] = b * wx * wy - a * wz, b * wx * wy + a * wz
+    rotation[0, 2], rotation[2, 0] = b * wx * wz + a * wy, b * wx * wz - a * wy
+    rotation[1, 2], rotation[2, 1] = b * wy * wz - a * wx, b * wy * wz + a * wx
+    for i in range(3):
+        for j in range(4):
+            value = 0.0
+            for k in range(3):
+                value += rotation[i, k] * pose[k, j]
+            moved[i, j] = value
+        moved[i, 3] += step[3 + i]
+    for i in range(3):
+        for j in range(4):
+            pose[i, j] = moved[i, j]
+
+
+@njit(cache=True, nogil=True)
+def _seen_by(
+    kind: int, camera: Float64, wraps: bool, height: int, width: int, x: float, y: float, z: float
+) -> tuple[int, int, float]:
+    """Row, column and range of the pixel that a point falls on; row -1 where none does."""
+    u, v, r = _pixel(kind, camera, x, y, z)
+    column, row = math.floor(u + 0.5), math.floor(v + 0.5)
+    if wraps and column >= width:
+        column -= width
+    if wraps and column < 0:
+        column += width
+    if r < 0 or column < 0 or row < 0 or column >= width or row >= height:
+        return -1, -1, r
+    return int(row), int(column), r
+
+
+@njit(cache=True, nogil=True)
+def align_by_projection(
+    points: Float64,
+    normals: Float64,
+    kind: int,
+    camera: Float64,
+    wraps: bool,
+    ranges: Float32,
+    directions: Float64,
+    tolerance: Float64,
+    limit: float,
+    shrink: float,
+    iterations: int,
+    poses: Float64,
+) -> None:
+    """Refine poses (m, 4, 4) T_image_points in place by Gauss-Newton on distances along the points' normals.
+
+    points, normals (n, 3), in the points' frame. A point's partner is the return of the pixel that it falls on, within
+    ``limit`` metres; its weight falls to zero there (Tukey), and ``limit`` shrinks by a factor each iteration, down to
+    twice ``tolerance`` (metres, share of the range, of its square a metre).
+    """
+    height, width = ranges.shape
+    hessian = np.empty((6, 6))
+    gradient = np.empty(6)
+    slope = np.empty(6)
+    step = np.empty(6)
+    rotation = np.empty((3, 3))
+    moved = np.empty((3, 4))
+    for m in range(len(poses)):
+        pose = poses[m]
+        reach = limit
+        for _ in range(iterations):
+            hessian[:] = 0.0
+            gradient[:] = 0.0
+            for k in range(len(points)):
+                px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+                x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
+                y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
+                z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
+                a, b, r = _seen_by(kind, camera, wraps, height, width, x, y, z)
+                if a < 0:
+                    continue
+                there = np.float64(ranges[a, b])
+                sigma = tolerance[0] + tolerance[1] * r + tolerance[2] * r * r
+                allowed = max(reach, 2.0 * sigma)
+                # false for NaN too
+                if not abs(there - r) < 2.0 * allowed:
+                    continue
+                gx = there * directions[a, b, 0] - x
+                gy = there * directions[a, b, 1] - y
+                gz = there * directions[a, b, 2] - z
+                nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
+                sx = pose[0, 0] * nx + pose[0, 1] * ny + pose[0, 2] * nz
+                sy = pose[1, 0] * nx + pose[1, 1] * ny + pose[1, 2] * nz
+                sz = pose[2, 0] * nx + pose[2, 1] * ny + pose[2, 2] * nz
+                error = sx * gx + sy * gy + sz * gz
+                share = error / allowed
+                if abs(share) >= 1.0:
+                    continue
+                weight = (1.0 - share * share) ** 2 / (sigma * sigma)
+                slope[0], slope[1], slope[2] = y * sz - z * sy, z * sx - x * sz, x * sy - y * sx
+                slope[3], slope[4], slope[5] = sx, sy, sz
+                for i in range(6):
+                    scaled = weight * slope[i]
+                    gradient[i] += scaled * error
+                    for j in range(i + 1):
+                        hessian[i, j] += scaled * slope[j]
+            for i in range(6):
+                # keeps a pose where it is along what nothing tells
+                hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6
+            if not _solve(hessian, gradient, step):
+                break
+            _move(pose, step, rotation, moved)
+            turned = abs(step[0]) + abs(step[1]) + abs(step[2])
+            shifted = abs(step[3]) + abs(step[4]) + abs(step[5])
+            if turned < 1e-3 and shifted < 0.05 * tolerance[0] and reach < 2.0 * tolerance[0]:
+                break
+            reach *= shrink
+
+
+@njit(cache=True, nogil=True)
+def projective_residual(
+    points: Float64,
+    normals: Float64,
+    kind: int,
+    camera: Float64,
+    wraps: bool,
+    ranges: Float32,
+    directions: Float64,
+    limit: float,
+    pose: Float64,
+) -> tuple[int, float]:
+    """Points with a partner within ``limit`` along their normals, and the sum of these squared distances."""
+    height, width = ranges.shape
+    paired, total = 0, 0.0
+    for k in range(len(points)):
+        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+        x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
+        y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
+        z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
+        row, column, r = _seen_by(kind, camera, wraps, height, width, x, y, z)
+        if row < 0:
+            continue
+        there = np.float64(ranges[row, column])
+        # false for NaN too
+        if not abs(there - r) < 2.0 * limit:
+            continue
+        error = 0.0
+        for a in range(3):
+            turned = pose[a, 0] * normals[k, 0] + pose[a, 1] * normals[k, 1] + pose[a, 2] * normals[k, 2]
+            moved = x if a == 0 else (y if a == 1 else z)
+            error += turned * (there * directions[row, column, a] - moved)
+        if abs(error) < limit:
+            paired += 1
+            total += error * error
+    return paired, total

@@ -1,0 +1,96 @@
+"""Quick alignment of a view with a stored one, by projection into the stored range image as it is."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.verification.depth_view import DepthView
+
+__all__ = ["ProjectiveAligner"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Points of those that are counted, and of all: the ground among these holds height, roll and pitch.
+_QUICK, _FINE = (400, 200), (1200, 1000)
+_ITERATIONS, _SHRINK = 12, 0.75
+_EDGE_RATIO = 0.1
+_REACH, _KEPT = 3, 8
+
+
+class ProjectiveAligner:
+    """Point-to-plane ICP whose pairs are found by projection; for views in space.
+
+    ``fine`` takes several times as many points: for the pose of a match, where few tell whether it can be one.
+    Source: Blais and Levine, Registering multiview range data to create 3D computer objects, PAMI 1995.
+    """
+
+    def __init__(self) -> None:
+        self._samples: OrderedDict[tuple[DepthView, bool], tuple[FloatArray, FloatArray]] = OrderedDict()
+
+    def refine(
+        self, query: DepthView, match: DepthView, T_match_query: FloatArray, *, fine: bool = False
+    ) -> FloatArray:
+        """Refine a pose T_match_query (4, 4); one that comes out not finite is given back as it was."""
+        from depthprint._kernels.projective_icp import align_by_projection
+
+        poses = np.array(T_match_query[None], dtype=np.float64, order="C")
+        align_by_projection(
+            *self._sample(query, fine), *_image(match), np.array(match.settings.tolerance),
+            match.settings.max_pairing_m, _SHRINK, _ITERATIONS, poses,
+        )  # fmt: skip
+        return poses[0] if np.isfinite(poses).all() else T_match_query
+
+    def residual(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> tuple[int, float]:
+        """Sampled points of the query that have a partner within pairing distance, and their rms distance, metres."""
+        from depthprint._kernels.projective_icp import projective_residual
+
+        pose = np.ascontiguousarray(T_match_query, dtype=np.float64)
+        paired, total = projective_residual(
+            *self._sample(query, True), *_image(match), match.settings.max_pairing_m, pose
+        )
+        return int(paired), math.sqrt(total / paired) if paired else math.inf
+
+    def _sample(self, view: DepthView, fine: bool) -> tuple[FloatArray, FloatArray]:
+        found = self._samples.pop((view, fine), None)
+        if found is None:
+            found = _sampled_surface(view, *(_FINE if fine else _QUICK))
+            if len(self._samples) >= _KEPT:
+                self._samples.popitem(last=False)
+        self._samples[view, fine] = found
+        return found
+
+
+def _image(view: DepthView) -> tuple[int, FloatArray, bool, npt.NDArray[np.float32], FloatArray]:
+    return *view.camera(), view.ranges_m, view.projection.directions()
+
+
+def _sampled_surface(view: DepthView, n_counted: int, n_of_all: int) -> tuple[FloatArray, FloatArray]:
+    """Points and normals (n, 3) of a view: evenly of those that are counted, and of all."""
+    from depthprint._kernels.projective_icp import window_normals
+
+    pixels = np.concatenate([_drawn(_counted_pixels(view), n_counted), _drawn(_pixels(view), n_of_all)])
+    rows, columns = np.divmod(np.unique(pixels), view.ranges_m.shape[1])
+    points, normals = np.empty((len(rows), 3)), np.empty((len(rows), 3))
+    _, _, wraps, ranges_m, directions = _image(view)
+    window_normals(ranges_m, directions, rows, columns, _REACH, _EDGE_RATIO, wraps, points, normals)
+    known = normals.any(axis=1)
+    return points[known], normals[known]
+
+
+def _pixels(view: DepthView) -> npt.NDArray[np.int64]:
+    return np.flatnonzero(np.isfinite(view.ranges_m))
+
+
+def _counted_pixels(view: DepthView) -> npt.NDArray[np.int64]:
+    height, width = view.ranges_m.shape
+    u, v, _ = view.projection.project(view.counted)
+    column, row = np.round(u).astype(np.int64) % width, np.round(v).astype(np.int64)
+    return np.asarray(np.clip(row, 0, height - 1) * width + column)
+
+
+def _drawn(pixels: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64]:
+    return pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), count)).astype(np.int64)]
