@@ -35,6 +35,7 @@ _SEED_BLOCKS = 2
 _FEW = 64
 _PAIRS_ON_ONE_THREAD = 16
 _FIRST_ROUND = 64
+_BLOCKS_PER_SWEEP = 2048
 _ITEMS_PER_SCAN = 4096
 
 
@@ -77,18 +78,24 @@ class NearestSearch:
         self._decide(seeds[tried], bounds[tried], [part[tried] for part in seed_parts], k)
 
         blocks[near] = np.inf
-        items = self._members(np.flatnonzero(blocks <= self._threshold(k)))
-        items = items[self._item_bounds(items) <= self._threshold(k)]
-        parts = [
-            np.concatenate([some[left], others])
-            for some, others in zip(seed_parts, self._swept_parts(items), strict=True)
-        ]
-        items = np.concatenate([seeds[left], items])
+        near_enough = np.flatnonzero(blocks <= self._threshold(k))
+        items, parts = seeds[left], [part[left] for part in seed_parts]
+        for start in range(0, len(near_enough), _BLOCKS_PER_SWEEP):
+            some, some_parts = self._sweep(near_enough[start : start + _BLOCKS_PER_SWEEP], self._threshold(k))
+            items = np.concatenate([items, some])
+            parts = [np.concatenate(both) for both in zip(parts, some_parts, strict=True)]
         bounds = np.sum(parts, axis=0)
-        kept = np.flatnonzero(bounds <= self._threshold(k))
-        kept = kept[np.argsort(bounds[kept], kind="stable")]
-        self._decide(items[kept], bounds[kept], [part[kept] for part in parts], k)
+        order = np.argsort(bounds, kind="stable")
+        self._decide(items[order], bounds[order], [part[order] for part in parts], k)
         return self._best
+
+    def _sweep(self, blocks: IntArray, threshold: float) -> tuple[IntArray, list[FloatArray]]:
+        """Items of some blocks whose bounds are no more than ``threshold``, and the streams' parts of the bounds."""
+        items = self._members(blocks)
+        items = items[self._item_bounds(items) <= threshold]
+        parts = self._swept_parts(items)
+        kept = np.flatnonzero(np.sum(parts, axis=0) <= threshold)
+        return items[kept], [part[kept] for part in parts]
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
