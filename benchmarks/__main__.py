@@ -35,6 +35,9 @@ def main() -> None:
         parser.error(f"--only: expected {', '.join(known)}, got {', '.join(sorted(unknown))}")
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = str(options.threads)
+    os.environ["OMP_WAIT_POLICY"] = (
+        "passive"  # a thread that spins takes a busy machine's other core from its peer
+    )
 
     from benchmarks import report
     from benchmarks.plots import plot_scaling

@@ -101,6 +101,40 @@ def test_every_bound_is_under_the_exact_distance() -> None:
             assert (swept > 0.3 * exact).mean() > 0.5
 
 
+@pytest.mark.parametrize("unit", [True, False])
+@pytest.mark.parametrize("dims", [2, 5, 33])
+def test_swept_bounds_are_the_relaxed_ones_to_single_precision(unit: bool, dims: int) -> None:
+    rng = np.random.default_rng(dims)
+
+    def signature(clusters: int) -> Signature:
+        weights = np.ones(clusters) if unit else rng.random(clusters)
+        return Signature(weights, rng.normal(size=(clusters, dims)) * 10 ** rng.uniform(-3, -0.5))
+
+    items = [signature(int(n)) for n in rng.integers(0, 18, 77)]
+    ground = GroundDistance(cap=1.7, position_dims=1)
+    for masses, form in product(("null", "rubner", "balanced"), ("information", "joint")):
+        stream = StreamDistance(ground, masses, form)
+        index = SignatureIndex([stream], np.array([[0.2]]))
+        index.extend([SignatureBatch.stack(items[:50])])
+        for item in items[50:]:
+            index.add((item,))
+        for clusters in (0, 1, 7, 16):
+            side = side_arrays(SignatureBatch.stack([signature(clusters)]), masses, ground, right=False)
+            search = NearestSearch([stream], index._shifts, index._stores, [side], len(index))
+            search._prepare()
+            chosen = np.flatnonzero(rng.random(len(items)) < 0.6)
+            swept, relaxed = search._swept_parts(chosen)[0], search.relaxed(chosen)[0]
+            assert (swept <= relaxed * (1 + 1e-12)).all()
+            np.testing.assert_allclose(swept, relaxed, rtol=1e-3, atol=2e-2)
+
+
+def test_points_that_are_positions_alone_are_searched_exactly() -> None:
+    rng = np.random.default_rng(6)
+    index = SignatureIndex([StreamDistance(GroundDistance(position_dims=2))])
+    index.extend([SignatureBatch(rng.random((150, 3)), rng.random((150, 3, 2)), np.full(150, 3))])
+    assert_exact(index, (Signature(rng.random(3), rng.random((3, 2))),), None)
+
+
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), scale=st.sampled_from([1e-30, 1e-6, 1.0, 1e6, 1e30]))
 def test_scale_does_not_make_a_bound_dismiss_too_much(seed: int, scale: float) -> None:

@@ -196,6 +196,25 @@ def test_a_limit_abandons_only_what_is_over_it() -> None:
     assert abandoned > 300
 
 
+@pytest.mark.parametrize("surplus_cost", [0.0, 0.5])
+def test_a_limit_abandons_assignments_only_over_it(surplus_cost: float) -> None:
+    rng = np.random.default_rng(12)
+    abandoned = 0
+    for k in range(300):
+        m, n = rng.integers(2, 25, 2) if k % 2 else np.full(2, rng.integers(2, 25))
+        p, q, cost = np.full(m, 0.37), np.full(n, 0.37), rng.random((m, n)) ** 3
+        if k % 5 == 0:
+            cost = np.round(2 * cost)
+        work = solve_pair(p, q, cost, surplus_cost, False)[0]
+        for share in (1.0, 1.0 + 1e-14, 1.01, 2.0):
+            assert _solve_with_limit(p, q, cost, surplus_cost, work * share) == (work, OPTIMAL)
+        for share in (0.0, 0.5, 0.9, 0.99):
+            value, status = _solve_with_limit(p, q, cost, surplus_cost, work * share)
+            assert (value, status) in {(work, OPTIMAL), (np.inf, ABANDONED)}
+            abandoned += status == ABANDONED
+    assert abandoned > 150
+
+
 @pytest.mark.parametrize("form", [0, 1, 2, 3])
 def test_the_work_limit_of_a_distance_is_no_less_than_its_work(form: int) -> None:
     rng = np.random.default_rng(form)

@@ -35,6 +35,7 @@ _SEED_BLOCKS = 2
 _FEW = 64
 _PAIRS_ON_ONE_THREAD = 16
 _FIRST_ROUND = 64
+_BLOCKS_PER_SWEEP = 2048
 _ITEMS_PER_SCAN = 4096
 
 
@@ -68,21 +69,33 @@ class NearestSearch:
         self._prepare()
         blocks = self._block_bounds()
         wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
-        seeds = self._members(np.argpartition(blocks, wanted - 1)[:wanted])
-        parts = self._swept_parts(seeds)
-        bounds: FloatArray = np.sum(parts, axis=0)
-        chosen = np.argsort(bounds, kind="stable")[: max(k, _FIRST_BATCH)]
-        tried = seeds[chosen]
-        self._decide(tried, bounds[chosen], [part[chosen] for part in parts], k)
-        items = self._members(np.flatnonzero(blocks <= self._threshold(k)))
-        items = items[self._item_bounds(items) <= self._threshold(k)]
-        parts = self._swept_parts(items)
+        near = np.argpartition(blocks, wanted - 1)[:wanted]
+        seeds = self._members(near)
+        seed_parts = self._swept_parts(seeds)
+        bounds: FloatArray = np.sum(seed_parts, axis=0)
+        order = np.argsort(bounds, kind="stable")
+        tried, left = np.split(order, [max(k, _FIRST_BATCH)])
+        self._decide(seeds[tried], bounds[tried], [part[tried] for part in seed_parts], k)
+
+        blocks[near] = np.inf
+        near_enough = np.flatnonzero(blocks <= self._threshold(k))
+        items, parts = seeds[left], [part[left] for part in seed_parts]
+        for start in range(0, len(near_enough), _BLOCKS_PER_SWEEP):
+            some, some_parts = self._sweep(near_enough[start : start + _BLOCKS_PER_SWEEP], self._threshold(k))
+            items = np.concatenate([items, some])
+            parts = [np.concatenate(both) for both in zip(parts, some_parts, strict=True)]
         bounds = np.sum(parts, axis=0)
-        kept = np.flatnonzero(bounds <= self._threshold(k))
-        kept = kept[~np.isin(items[kept], tried)]
-        kept = kept[np.argsort(bounds[kept], kind="stable")]
-        self._decide(items[kept], bounds[kept], [part[kept] for part in parts], k)
+        order = np.argsort(bounds, kind="stable")
+        self._decide(items[order], bounds[order], [part[order] for part in parts], k)
         return self._best
+
+    def _sweep(self, blocks: IntArray, threshold: float) -> tuple[IntArray, list[FloatArray]]:
+        """Items of some blocks whose bounds are no more than ``threshold``, and the streams' parts of the bounds."""
+        items = self._members(blocks)
+        items = items[self._item_bounds(items) <= threshold]
+        parts = self._swept_parts(items)
+        kept = np.flatnonzero(np.sum(parts, axis=0) <= threshold)
+        return items[kept], [part[kept] for part in parts]
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
@@ -179,7 +192,7 @@ class NearestSearch:
         total = np.zeros(len(rows))
         rest = np.sum([part[rows, shifts] for part in parts], axis=0)
         alive = np.arange(len(rows))
-        for s, store in enumerate(self._stores):
+        for s in range(len(self._stores)):
             if not len(alive):
                 break
             r, shift = rows[alive], shifts[alive]
@@ -197,13 +210,17 @@ class NearestSearch:
         result[alive] = total[alive]
         return result
 
-    def _solve(self, s: int, items: IntArray, shifts: IntArray, above: FloatArray) -> tuple[FloatArray, IntArray]:
+    def _solve(
+        self, s: int, items: IntArray, shifts: IntArray, above: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
         """Distances of one stream, inf where over ``above``, and which of them took an EMD."""
         from depthprint._kernels.pairs import pair_distances, solve_run
 
         side, others, count = self._sides[s], self._stores[s].gather(items), len(items)
         if count > _PAIRS_ON_ONE_THREAD:
-            values, status, solved = pair_distances(side, others, shifts, above, self._shifts[s], self._rules[s])
+            values, status, solved = pair_distances(
+                side, others, shifts, above, self._shifts[s], self._rules[s]
+            )
         else:  # other threads would take longer to wake up
             values, status, solved = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
             solve_run(
@@ -289,8 +306,9 @@ class NearestSearch:
         """
         from depthprint._kernels.sweep import sweep_bounds
 
-        groups, where = np.unique(items // ITEMS_PER_GROUP, return_inverse=True)
-        lanes = items % ITEMS_PER_GROUP
+        group, lanes = np.divmod(items, ITEMS_PER_GROUP)
+        first = np.diff(group, prepend=-1) > 0
+        groups, where = group[first], np.cumsum(first) - 1
         parts = []
         for s, store in enumerate(self._stores):
             bounds = sweep_bounds(

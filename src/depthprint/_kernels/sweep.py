@@ -14,7 +14,7 @@ from numba import njit, prange
 
 from depthprint._kernels.ground import PairRules
 from depthprint._kernels.relaxation import normalise, relaxed_work
-from depthprint._kernels.tiles import LANES, TILE_ROWS, load_column, meet_column
+from depthprint._kernels.tiles import LANES, TILE_ROWS, load_column, meet_column, weigh_least
 
 __all__ = ["QueryTiles", "gather_items", "sweep_bounds", "tile_query"]
 
@@ -63,21 +63,6 @@ def tile_query(
     )
 
 
-@njit(cache=True, nogil=True)
-def _least_distances(halves: Float32Array, query: QueryTiles, cap: float) -> None:
-    """Largest -d^2 / 2 become lower bounds of the least min(d, cap), in place; one long loop over all."""
-    two, zero, shrink = np.float32(2.0), np.float32(0.0), np.float32(1.0 - 5e-7)
-    slack_squared, slack = np.float32(query.slack_squared), np.float32(query.slack)
-    most = np.float32(cap * (1.0 - 1e-7))
-    values = halves.reshape(halves.size)
-    for x in range(len(values)):
-        square = -two * values[x] - slack_squared
-        square = square if square > zero else zero
-        least = np.sqrt(square) * shrink - slack
-        least = least if least > zero else zero
-        values[x] = least if least < most else most
-
-
 @njit(cache=True, parallel=True)
 def sweep_bounds(
     query: QueryTiles,
@@ -97,6 +82,8 @@ def sweep_bounds(
     out = np.zeros((len(groups), LANES))
     tiles, dims = query.halves.shape[0], query.points.shape[1]
     m, k_q = len(query.weights), points.shape[1]
+    squared, slack = np.float32(query.slack_squared), np.float32(query.slack)
+    shrink, most = np.float32(1.0 - 5e-7), np.float32(rules.cap * (1.0 - 1e-7))
     for task in prange((len(groups) + _GROUPS_PER_TASK - 1) // _GROUPS_PER_TASK):
         q, q_halves = np.empty((dims, LANES), np.float32), np.empty(LANES, np.float32)
         tile_rows, columns = (
@@ -120,16 +107,8 @@ def sweep_bounds(
                         q_halves[x] = _FAR
                 for tile in range(tiles):
                     meet_column(query.points, query.halves, tile, q, q_halves, dims, tile_rows, columns, j)
-            _least_distances(rows[:m], query, rules.cap)
-            _least_distances(columns[:widest], query, rules.cap)
-            from_query[:] = 0.0
-            from_item[:] = 0.0
-            for i in range(m):
-                for x in range(LANES):
-                    from_query[x] += query.weights[i] * np.float64(rows[i, x])
-            for j in range(widest):
-                for x in range(LANES):
-                    from_item[x] += np.float64(weights[groups[g], j, x]) * np.float64(columns[j, x])
+            weigh_least(rows, m, query.weights, from_query, squared, slack, shrink, most)
+            weigh_least(columns, widest, weights[groups[g]], from_item, squared, slack, shrink, most)
             for x in range(present):
                 item = first + x
                 emd = query.complexity + complexities[item]

@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column"]
+__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column", "weigh_least"]
 
 LANES = 16
 TILE_ROWS = 7
@@ -54,6 +54,27 @@ def meet_column(
     """
     del typingctx
     return types.void(p, p_halves, tile, q, q_halves, dims, rows, column, j), _emit_meeting
+
+
+@intrinsic
+def weigh_least(
+    typingctx: Any,
+    halves: Any,
+    count: Any,
+    weights: Any,
+    total: Any,
+    squared: Any,
+    slack: Any,
+    shrink: Any,
+    cap: Any,
+) -> Any:
+    """Turn halves[:count] (n, LANES), the largest -d^2 / 2, into lower bounds of min(d, cap), and weigh them.
+
+    A bound is max(sqrt(max(d^2 - squared, 0)) shrink - slack, 0), all float32. Writes the weighted sums to total
+    (LANES,) float64; weights are (n,), or (n, LANES) in either precision.
+    """
+    del typingctx
+    return types.void(halves, count, weights, total, squared, slack, shrink, cap), _emit_weighing
 
 
 def _fused(builder: Any) -> Any:
@@ -157,4 +178,55 @@ def _emit_meeting(context: Any, builder: Any, signature: Any, arguments: Any) ->
         builder.store(larger(new[i], builder.load(row, align=4)), row, align=4)
         largest = larger(new[i], largest)
     builder.store(largest, column, align=4)
+    return context.get_dummy_value()
+
+
+def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    halves, weights, total = (
+        context.make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 2, 3)
+    )
+    count = arguments[1]
+    size, doubles = count.type, ir.VectorType(ir.DoubleType(), LANES)
+
+    def spread(value: Any) -> Any:
+        vector = ir.VectorType(value.type, LANES)
+        first = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _INT32(0))
+        return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
+
+    def extreme(sign: str, x: Any, y: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(sign, x, y), x, y)
+
+    squared, slack, shrink, cap = (spread(value) for value in arguments[4:])
+    zero = _LANES([0.0] * LANES)
+    root = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(_LANES, [_LANES]), f"llvm.sqrt.v{LANES}f32"
+    )
+    before = builder.block
+    loop, work, after = (builder.append_basic_block(name) for name in ("rows", "row", "weighed"))
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    k, so_far = builder.phi(size), builder.phi(doubles)
+    builder.cbranch(builder.icmp_signed("<", k, count), work, after)
+    builder.position_at_end(work)
+    at = builder.mul(k, size(LANES))
+    place = _vector(builder, builder.gep(halves, [at]))
+    square = builder.fsub(builder.fmul(builder.load(place, align=4), _LANES([-2.0] * LANES)), squared)
+    least = builder.fmul(builder.call(root, [extreme(">", square, zero)]), shrink)
+    least = extreme("<", extreme(">", builder.fsub(least, slack), zero), cap)
+    builder.store(least, place, align=4)
+    if signature.args[2].ndim == 1:
+        weight = spread(builder.load(builder.gep(weights, [k])))
+    else:
+        stored = doubles if signature.args[2].dtype == types.float64 else _LANES
+        pointer = builder.bitcast(builder.gep(weights, [at]), stored.as_pointer())
+        weight = builder.load(pointer, align=4)
+        weight = weight if stored is doubles else builder.fpext(weight, doubles)
+    new = builder.fadd(so_far, builder.fmul(builder.fpext(least, doubles), weight))
+    following = builder.add(k, size(1))
+    builder.branch(loop)
+    for phi, start, value in ((k, size(0), following), (so_far, doubles([0.0] * LANES), new)):
+        phi.add_incoming(start, before)
+        phi.add_incoming(value, work)
+    builder.position_at_end(after)
+    builder.store(so_far, builder.bitcast(total, doubles.as_pointer()), align=8)
     return context.get_dummy_value()
