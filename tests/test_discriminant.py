@@ -7,12 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.svm import LinearSVC
 
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError, SettingsError
 from depthprint.object_distances import MirroredDistances
-from depthprint.object_kernels import DistanceFeatures
-from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.object_kernels import DistanceFeatures, unit_rows
+from depthprint.object_recogniser import (
+    MACHINE_C,
+    FusedRecogniser,
+    ViewComparison,
+    fused_comparison,
+    standardised,
+)
 
 
 def blobs(seed, classes=4, each=12, d=6, spread=0.6):
@@ -124,3 +131,31 @@ def test_fusion_is_better_than_its_parts_where_each_errs():
     alone = np.mean(machine.scores(asked.kernel).argmax(1) == truth)
     assert right >= alone - 0.05
     assert right > 0.5
+
+
+def test_fused_kernels_are_weighted_means_and_distances_follow_each_other():
+    x, _ = blobs(5)
+    first = ViewComparison(x @ x.T, (euclidean(x, x),))
+    second = ViewComparison(np.eye(len(x)), (), np.eye(2 * len(x)))
+    fused = fused_comparison([first, second], [3.0, 1.0])
+    np.testing.assert_allclose(fused.kernel, (3 * x @ x.T + np.eye(len(x))) / 4)
+    assert len(fused.distances) == 1
+    assert fused.machine_kernel is second.machine_kernel
+
+
+def test_the_machine_adds_its_standardised_margins():
+    x, labels = (unit_rows(blobs(6, d=200)[0]).astype(np.float64), blobs(6, d=200)[1])
+    y = unit_rows(blobs(7, d=200)[0]).astype(np.float64)
+    known = np.concatenate([x, x[:, ::-1]])
+    stored = ViewComparison(x @ x.T, (), known @ known.T)
+    asked = ViewComparison(y @ x.T, (), y @ known.T)
+    together = FusedRecogniser().fit(stored, labels)
+    plain = FusedRecogniser().fit(ViewComparison(stored.kernel), labels)
+    machine = LinearSVC(C=MACHINE_C, fit_intercept=False, tol=1e-6, max_iter=100_000)
+    machine.fit(known, np.tile(labels, 2))
+    expected = plain.scores(ViewComparison(asked.kernel)) + standardised(machine.decision_function(y))
+    np.testing.assert_allclose(together.scores(asked), expected, atol=0.05)
+    again = FusedRecogniser().fit(stored, labels, together.multipliers)
+    np.testing.assert_array_equal(again.scores(asked), together.scores(asked))
+    with pytest.raises(DataError, match="machine kernel"):
+        together.scores(ViewComparison(asked.kernel))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from depthprint.errors import DataError, DepthprintError
+from depthprint.evaluation.report import REFERENCE, differences_from
 from depthprint.io.atomic import atomic_path
 
 LOOP_COLUMNS = {
@@ -48,11 +49,21 @@ def table(folders: list[Path]) -> str:
                 raise DataError(f"{folder}: expected the {field} of {folders[0]}, got {report[field]!r}")
     methods = {name: figures for report in reports for name, figures in report["methods"].items()}
     columns = OBJECT_COLUMNS if "category_accuracy_mean" in next(iter(methods.values())) else LOOP_COLUMNS
-    lines = ["| method | " + " | ".join(columns.values()) + " |", "|---" * (len(columns) + 1) + "|"]
+    differences = {name: d for report in reports for name, d in differences_from(report, REFERENCE).items()}
+    compared = ("category", "instance") if differences else ()
+    titles = [*columns.values(), *(f"{what} - `{REFERENCE}`" for what in compared)]
+    lines = ["| method | " + " | ".join(titles) + " |", "|---" * (len(titles) + 1) + "|"]
     for name, figures in methods.items():
-        lines.append(f"| `{name}` | " + " | ".join(cell(figures, metric) for metric in columns) + " |")
+        cells = [cell(figures, metric) for metric in columns]
+        cells += [difference(differences.get(name, {}).get(what)) for what in compared]
+        lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
     counts = ", ".join(f"{value} {name.replace('_', ' ')}" for name, value in first["counts"].items())
     return "\n".join(lines) + f"\n\n{counts}; seed {first['seed']}."
+
+
+def difference(found: tuple[float, float] | None) -> str:
+    """A paired difference with its standard error, or nothing."""
+    return "" if found is None else f"{found[0]:+.3f} +- {found[1]:.3f}"
 
 
 def cell(figures: dict[str, Any], metric: str) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
+    "REFERENCE",
     "accuracy_rows",
     "differences_from",
     "loop_records",
