@@ -67,6 +67,8 @@ class CosineRecognizer:
 
     def _distances(self, query: Encoding, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Distances (n, shifts)."""
+        from depthprint._kernels.blocks import one_blas_thread
+
         moved = []
         for grid, weight, step in zip(query.vectors, self._weights, self._step, strict=True):
             unit = np.float32(weight) * unit_grid(grid)
@@ -75,7 +77,9 @@ class CosineRecognizer:
         # BLAS takes whole lanes: seven columns cost more than eight.
         padded = np.zeros((-(-len(columns) // _LANES) * _LANES, columns.shape[1]), dtype=np.float32)
         padded[: len(columns)] = columns
-        return np.asarray(1.0 - (rows @ padded.T)[:, : len(columns)], dtype=np.float32)
+        with one_blas_thread():
+            cosines = rows @ padded.T
+        return np.asarray(1.0 - cosines[:, : len(columns)], dtype=np.float32)
 
     def _shift(self, grid: npt.NDArray[np.float32], places: int) -> npt.NDArray[np.float32]:
         moved = np.roll(grid, places, axis=0)
