@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from depthprint import (
     Encoder,
+    Pinhole,
+    RangeImage,
     RangeSequence,
     Signature,
     SignatureBatch,
@@ -32,6 +34,7 @@ __all__ = [
     "N_PLACES_QUICK",
     "N_QUERIES",
     "Street",
+    "load_frames",
     "load_images",
     "load_patches",
     "load_street",
@@ -45,6 +48,7 @@ N_QUERIES = 300
 
 _FOLDER = Path(__file__).parent / "data"
 _LENGTH_M = 4000.0
+_SHORT_M = 400.0
 Part = TypeVar("Part")
 
 
@@ -88,6 +92,26 @@ def load_images(n: int) -> npt.NDArray[np.float32]:
         with atomic_path(path) as temporary:
             np.save(temporary, np.concatenate(_in_two_processes(_images_part, n)))
     return np.asarray(np.load(path, allow_pickle=False))
+
+
+def load_frames(seed: int, n: int) -> list[RangeImage]:
+    """The first n frames of a drive of 400 metres through the town of ``seed``, which has loops after some 100."""
+    path = _FOLDER / f"frames-{seed}-{n}.npz"
+    if not path.exists():
+        drive = open_sequence(dataset="simulated-street", seed=seed, length_m=_SHORT_M)
+        frames = [drive[i] for i in range(n)]
+        camera = asdict(frames[0].projection)
+        with atomic_path(path) as temporary:
+            np.savez_compressed(
+                temporary,
+                ranges_m=np.stack([frame.ranges_m for frame in frames]),
+                sensor_height_m=np.array(frames[0].sensor_height_m, dtype=np.float64),
+                **camera,
+            )
+    with np.load(path, allow_pickle=False) as kept:
+        projection = Pinhole(**{field.name: kept[field.name].item() for field in fields(Pinhole)})
+        height_m = float(kept["sensor_height_m"])
+        return [RangeImage(one, projection, sensor_height_m=height_m) for one in kept["ranges_m"]]
 
 
 def load_patches(n: int) -> SignatureBatch:

@@ -8,7 +8,7 @@ from benchmarks.harness import Settings
 
 __all__ = ["FAMILIES", "names_of", "run_family"]
 
-FAMILIES = ("emd_pairs", "search", "coding", "learning", "matrix")
+FAMILIES = ("emd_pairs", "search", "coding", "learning", "matrix", "online")
 
 
 def names_of(family: str) -> tuple[str, ...]:

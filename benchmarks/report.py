@@ -122,6 +122,9 @@ def _remarks(row: Mapping[str, Any]) -> str:
         remarks.append(f"held-out objective {ours:.5f}, theirs {peer:.5f}")
     if "exponent" in row:
         remarks.append(f"exponent {row['exponent']:.2f}")
+    if "stages_ms" in row:
+        stages = ", ".join(f"{name} {median:.1f}" for name, (median, _) in row["stages_ms"].items())
+        remarks.append(f"99th percentile {row['wall_ms'][1]:.0f} ms; medians in ms: {stages}")
     if "memory_mb" in row:
         remarks.append(f"{row['memory_mb']:.0f} MB")
     return "; ".join(remarks)

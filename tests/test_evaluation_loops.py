@@ -23,6 +23,7 @@ from depthprint.projection import LaserRow, Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 from depthprint.run_folder import json_ready
+from depthprint.verification.verifier import Verification
 
 N = 40
 GAP = 5
@@ -55,6 +56,17 @@ class Nearest:
 
     def distance(self, first: float, second: float) -> float:
         return abs(first - second)
+
+
+class MeasuresPoses(Nearest):
+    """Every match comes with the same pose, accepted."""
+
+    def __init__(self, T_match_query: np.ndarray) -> None:
+        super().__init__()
+        self.found = Verification(T_match_query, 99, 0.9, 0, 0.0, 0.1, True, "", "")
+
+    def query(self, description, k=1, limit=None):
+        return [replace(m, verification=self.found) for m in super().query(description, k, limit)]
 
 
 class SeesTheFuture(Nearest):
@@ -152,6 +164,43 @@ def test_report_holds_the_agreed_names_and_survives_json():
     assert [row[0] for row in rows] == ["exact", "noisy"]
     assert all(len(row) == len(header) for row in rows)
     assert rows[0][header.index("f1_max")] == 1.0
+
+
+def turned(degrees: float, forward_m: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    T = np.eye(4)
+    T[:2, :2] = (c, -s), (s, c)
+    T[0, 3] = forward_m
+    return T
+
+
+@pytest.mark.parametrize(("degrees", "metres"), [(0.0, 0.0), (1e-4, 0.25), (3.0, 0.1), (120.0, 2.0)])
+def test_errors_of_measured_poses_are_told_where_truth_has_poses(degrees, metres):
+    both = {"posed": MeasuresPoses(turned(degrees, metres)), "plain": Nearest()}
+    evaluation = evaluate_loops(two_laps(), both, resamples=5)
+    found = evaluation.methods[0].pose_errors
+    assert found.count == 20
+    assert found.translation_m == pytest.approx(metres, abs=1e-12)
+    assert found.rotation_deg == pytest.approx(degrees, abs=1e-9)
+    assert evaluation.methods[1].pose_errors.count == 0
+    report = loop_report(evaluation, {})
+    assert report["methods"]["posed"]["poses_measured"] == 20
+    assert report["methods"]["posed"]["translation_error_m"] == pytest.approx(metres, abs=1e-12)
+    assert json_ready(report)["methods"]["plain"]["rotation_error_deg"] is None
+    titles = [str(column.header) for column in results_table(report).columns]
+    assert {"pose, m", "pose, deg"} <= set(titles)
+
+
+def test_poses_are_not_scored_without_truth_for_them_or_without_acceptance():
+    unposed = replace(two_laps(), poses=None)
+    matrix = loop_ground_truth(two_laps(), two_laps().truth)
+    (result,) = evaluate_loops(unposed, {"posed": MeasuresPoses(np.eye(4))}, matrix, resamples=5)
+    assert result.pose_errors.count == 0
+    refused = MeasuresPoses(np.eye(4))
+    refused.found = replace(refused.found, accepted=False)
+    evaluation = evaluate_loops(two_laps(), {"refused": refused}, resamples=5)
+    assert evaluation.methods[0].pose_errors.count == 0
+    assert "translation_error_m" not in loop_report(evaluation, {})["methods"]["refused"]
 
 
 def test_terminal_table_names_the_data_and_says_simulated():

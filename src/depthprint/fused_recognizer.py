@@ -51,6 +51,15 @@ class FusedRecognizer(EncodedPlaces):
         proposed = self._vectors.query(description, max(k, settings.proposed), limit)
         if not settings.exact or not proposed:
             return proposed[:k]
+        from depthprint._kernels.threads import one_thread
+
+        # Distances to a few places take less than waking another thread.
+        with one_thread():
+            return self._ranked(description, proposed, k)
+
+    def _ranked(self, description: Encoding, proposed: list[PlaceMatch], k: int) -> list[PlaceMatch]:
+        """The most promising proposals by their exact, fused distances."""
+        settings = self.settings
         weight = settings.vector_weight
         ranked = self._thinned(description, proposed, max(k, settings.ranked))
         places = np.array([match.place for match in ranked], dtype=np.int64)

@@ -15,6 +15,8 @@ from depthprint.recognizer import PlaceMatch
 
 __all__ = ["CosineRecognizer", "unit_grid"]
 
+_LANES = 8
+
 
 def unit_grid(grid: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Scale a stream's whole grid of clusters to unit norm."""
@@ -30,12 +32,12 @@ class CosineRecognizer:
         self._wraps = encoder.settings.polar.full_circle
         self._step = [s.stride if s.view == "polar" else 1 for s in encoder.settings.streams]
         self._weights = encoder.settings.stream_weights
-        self._stores = [VectorStore() for _ in self._weights]
+        self._store = VectorStore()
 
     def fit(self, images: Sequence[RangeImage]) -> CosineRecognizer:
         """Learn the encoder's dictionaries and forget all places."""
         self._encoder.fit(images)
-        self._stores = [VectorStore() for _ in self._weights]
+        self._store = VectorStore()
         return self
 
     def describe(self, image: RangeImage) -> Encoding:
@@ -44,33 +46,40 @@ class CosineRecognizer:
 
     def add(self, description: Encoding) -> int:
         """Store a place."""
-        for store, vectors in zip(self._stores, description.vectors, strict=True):
-            number = store.add(unit_grid(vectors))
-        return number
+        return self._store.add(self._row(description))
 
     def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
         """Nearest places with the shift in sectors."""
-        rows = [store.rows(limit) for store in self._stores]
-        if not len(rows[0]):
+        rows = self._store.rows(limit)
+        if not len(rows):
             return []
         distances = self._distances(description, rows)
-        shifts = np.asarray(self._sectors, dtype=np.float64)[distances.argmin(0)]
-        return nearest_matches(distances.min(0), k, shifts)
+        shifts = np.asarray(self._sectors, dtype=np.float64)[distances.argmin(1)]
+        return nearest_matches(distances.min(1), k, shifts)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""
-        rows = [unit_grid(vectors).reshape(1, -1) for vectors in second.vectors]
-        return float(self._distances(first, rows).min())
+        return float(self._distances(first, self._row(second)[None]).min())
 
-    def _distances(
-        self, query: Encoding, rows: Sequence[npt.NDArray[np.float32]]
-    ) -> npt.NDArray[np.floating]:
-        total = np.zeros((len(self._sectors), len(rows[0])))
-        for grid, stored, weight, step in zip(query.vectors, rows, self._weights, self._step, strict=True):
-            unit = unit_grid(grid)
-            moved = np.stack([self._shift(unit, sector // step).reshape(-1) for sector in self._sectors])
-            total += weight * (1.0 - moved @ stored.T)
-        return total
+    def _row(self, description: Encoding) -> npt.NDArray[np.float32]:
+        """All streams as one vector, in which a product with a moved query's is the weighted mean of the cosines."""
+        return np.concatenate([unit_grid(vectors).reshape(-1) for vectors in description.vectors])
+
+    def _distances(self, query: Encoding, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Distances (n, shifts)."""
+        from depthprint._kernels.blocks import one_blas_thread
+
+        moved = []
+        for grid, weight, step in zip(query.vectors, self._weights, self._step, strict=True):
+            unit = np.float32(weight) * unit_grid(grid)
+            moved.append([self._shift(unit, sector // step).reshape(-1) for sector in self._sectors])
+        columns = np.concatenate([np.array(stream) for stream in moved], axis=1)
+        # BLAS takes whole lanes: seven columns cost more than eight.
+        padded = np.zeros((-(-len(columns) // _LANES) * _LANES, columns.shape[1]), dtype=np.float32)
+        padded[: len(columns)] = columns
+        with one_blas_thread():
+            cosines = rows @ padded.T
+        return np.asarray(1.0 - cosines[:, : len(columns)], dtype=np.float32)
 
     def _shift(self, grid: npt.NDArray[np.float32], places: int) -> npt.NDArray[np.float32]:
         moved = np.roll(grid, places, axis=0)

@@ -21,6 +21,7 @@ from depthprint.evaluation.metrics import (
     loop_metrics,
     precision_recall,
 )
+from depthprint.evaluation.pose_errors import PoseErrors, match_pose_error, pose_errors
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer
 
@@ -33,7 +34,10 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class LoopRecord:
-    """One query of one method; ``match`` is -1 and ``distance`` NaN where no match was made."""
+    """One query of one method; ``match`` is -1 and ``distance`` NaN where no match was made.
+
+    translation_error_m, rotation_error_deg: of a match's T_match_query that geometry accepted, where poses are known.
+    """
 
     query: int
     match: int
@@ -41,6 +45,8 @@ class LoopRecord:
     shift: float | None
     outcome: int
     has_positive: bool
+    translation_error_m: float | None = None
+    rotation_error_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,11 @@ class MethodLoops:
     describe_ms: float
     query_ms: float
     ms_per_query: float
+
+    @property
+    def pose_errors(self) -> PoseErrors:
+        """Medians of the errors of T_match_query over accepted right matches."""
+        return pose_errors(self.records)
 
     @property
     def curve(self) -> PrecisionRecall:
@@ -109,7 +120,7 @@ def evaluate_loops(
     matrix = loop_ground_truth(sequence, rule, report_truth) if isinstance(rule, LoopTruth) else rule
     if len(matrix) != n:
         raise DataError(f"{sequence.name}: {n} frames but a truth matrix of {len(matrix)}")
-    runs = [_Run(name, recognizer, matrix) for name, recognizer in recognizers.items()]
+    runs = [_Run(name, recognizer, matrix, sequence.poses) for name, recognizer in recognizers.items()]
     for frame in range(n):
         image = sequence[frame]
         for run in runs:
@@ -128,10 +139,17 @@ def evaluate_loops(
 class _Run:
     """One method's way through the sequence."""
 
-    def __init__(self, name: str, recognizer: PlaceRecognizer, truth: TruthMatrix) -> None:
+    def __init__(
+        self,
+        name: str,
+        recognizer: PlaceRecognizer,
+        truth: TruthMatrix,
+        poses: npt.NDArray[np.float64] | None,
+    ) -> None:
         self.name = name
         self.recognizer = recognizer
         self.truth = truth
+        self.poses = poses
         self.has_positive = truth.has_positive
         self.records: list[LoopRecord] = []
         self.describe_s: list[float] = []
@@ -168,7 +186,21 @@ class _Run:
                 f"method {self.name!r}, frame {frame}: expected a finite distance, got {best.distance}"
             )
         outcome = int(self.truth.values[frame, best.place])
-        return LoopRecord(frame, best.place, float(best.distance), best.shift, outcome, has_positive)
+        return LoopRecord(
+            frame,
+            best.place,
+            float(best.distance),
+            best.shift,
+            outcome,
+            has_positive,
+            *self._pose_error(frame, best),
+        )
+
+    def _pose_error(self, frame: int, match: PlaceMatch) -> tuple[float | None, float | None]:
+        found = match.verification
+        if self.poses is None or found is None or not found.accepted:
+            return None, None
+        return match_pose_error(found.T_match_query, self.poses[match.place], self.poses[frame])
 
     def result(self, seed: int, resamples: int) -> MethodLoops:
         with_candidates = self.describe_s[len(self.describe_s) - len(self.query_s) :]

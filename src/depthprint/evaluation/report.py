@@ -33,7 +33,7 @@ __all__ = [
 
 Report = dict[str, Any]
 
-_LOWER_IS_BETTER = ("ms_per_query", "us_per_pair")
+_LOWER_IS_BETTER = ("ms_per_query", "us_per_pair", "translation_error_m", "rotation_error_deg")
 # The row of the objects' table that all others are compared with, view by view.
 REFERENCE = "recogniser"
 
@@ -44,6 +44,8 @@ _SHORT = {
     "extended_precision": "EP",
     "recall_at_1": "recall@1",
     "ms_per_query": "ms/query",
+    "translation_error_m": "pose, m",
+    "rotation_error_deg": "pose, deg",
     "category_accuracy_mean": "category",
     "category_accuracy_std": "std",
     "instance_accuracy": "instance",
@@ -52,14 +54,26 @@ _SHORT = {
 
 
 def loop_report(evaluation: LoopEvaluation, settings: Mapping[str, Any]) -> Report:
-    """Content of results.json for the query-wise protocol; times are medians over frames, in milliseconds."""
+    """Content of results.json for the query-wise protocol; times are medians over frames, in milliseconds.
+
+    Where a method measures T_match_query, the median errors of accepted right matches and their number are there too.
+    """
     methods = {}
+    errors = {method.name: method.pose_errors for method in evaluation.methods}
+    measured = any(error.count for error in errors.values())
     for method in evaluation.methods:
+        error = errors[method.name]
+        poses = {
+            "translation_error_m": error.translation_m,
+            "rotation_error_deg": error.rotation_deg,
+            "poses_measured": error.count,
+        }
         methods[method.name] = {
             **_figures(method.metrics),
             "ms_per_query": method.ms_per_query,
             "ms_describe": method.describe_ms,
             "ms_search": method.query_ms,
+            **(poses if measured else {}),
             "intervals": {name: list(interval) for name, interval in method.intervals.items()},
             "detections": {
                 "positive": sum(r.outcome == 1 for r in method.records),

@@ -10,9 +10,11 @@ import numpy.typing as npt
 from depthprint.errors import DataError
 from depthprint.verification.depth_view import DepthView
 
-__all__ = ["ViewAgreement", "coarse_overlaps", "view_agreement"]
+__all__ = ["ViewAgreement", "coarse_overlaps", "thinned", "view_agreement"]
 
-_COARSE_POINTS = 100
+# All poses are tried on a few points, those that did best on more.
+_FIRST_POINTS, _COARSE_POINTS = 32, 128
+_BEST_SHARE = 0.2
 _COARSE_SLACK = 2.0
 
 
@@ -60,10 +62,27 @@ def view_agreement(
 def coarse_overlaps(
     query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Share of a few of the query's points that the match confirms, for poses (m, 4, 4)."""
-    points = query.counted[:: max(1, len(query.counted) // _COARSE_POINTS)]
+    """Share of a few of the query's points that the match confirms, for poses (m, 4, 4).
+
+    Poses that do badly on fewer points yet are not looked at again.
+    """
+    overlaps = _confirmed(query, match, T_match_query, _FIRST_POINTS)
+    best = np.argsort(-overlaps, kind="stable")[: max(8, round(_BEST_SHARE * len(overlaps)))]
+    overlaps[best] = _confirmed(query, match, T_match_query[best], _COARSE_POINTS)
+    return overlaps
+
+
+def _confirmed(
+    query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], n_points: int
+) -> npt.NDArray[np.float64]:
+    points = thinned(query.counted, n_points)
     counts = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
     return np.asarray(counts[:, 0] / max(1, len(points)))
+
+
+def thinned(points: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.float32]:
+    """About ``count`` of some points (n, 3), evenly drawn."""
+    return points[:: max(1, len(points) // count)]
 
 
 def _counts(

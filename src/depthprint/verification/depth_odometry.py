@@ -25,6 +25,7 @@ class DepthOdometry:
         self._motion = np.eye(4)
         self._step: tuple[DepthView, FloatArray | None] | None = None
         self._poses: list[FloatArray] = []
+        self._inverses: list[FloatArray] = []
         self._chains: list[int] = []
 
     def add(self, view: DepthView) -> None:
@@ -38,6 +39,7 @@ class DepthOdometry:
             self._poses.append(self._poses[-1] @ step)
             self._chains.append(self._chains[-1])
             self._motion = step
+        self._inverses.append(np.asarray(np.linalg.inv(self._poses[-1]), dtype=np.float64))
         self._last = view
 
     def pose_of_next(self, first: int, view: DepthView) -> FloatArray | None:
@@ -45,15 +47,15 @@ class DepthOdometry:
         if not self._chains or self._chains[first] != self._chains[-1]:
             return None
         step = self._step_to(view)
-        return None if step is None else np.linalg.inv(self._poses[first]) @ self._poses[-1] @ step
+        return None if step is None else self._inverses[first] @ self._poses[-1] @ step
 
     def relative_poses(self, second: int, below: int) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Numbers (n,) under ``below`` of the views of one chain with ``second``, and T_number_second (n, 4, 4)."""
         numbers = np.flatnonzero(np.array(self._chains[:below]) == self._chains[second])
         if not len(numbers):
             return numbers, np.empty((0, 4, 4))
-        poses = np.stack([self._poses[number] for number in numbers])
-        return numbers, np.asarray(np.linalg.inv(poses) @ self._poses[second])
+        inverses = np.stack([self._inverses[number] for number in numbers])
+        return numbers, np.asarray(inverses @ self._poses[second])
 
     def _step_to(self, view: DepthView) -> FloatArray | None:
         """T_last_view, or None where the two do not agree."""

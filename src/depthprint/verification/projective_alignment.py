@@ -15,8 +15,11 @@ __all__ = ["ProjectiveAligner"]
 FloatArray = npt.NDArray[np.float64]
 
 # Points of those that are counted, and of all: the ground among these holds height, roll and pitch.
-_QUICK, _FINE = (400, 200), (1200, 1000)
-_ITERATIONS, _SHRINK = 12, 0.75
+# A hand-held view has no ground to lean on, and is tried on more.
+_QUICK, _QUICK_HAND_HELD, _FINE = (250, 125), (400, 200), (1200, 1000)
+_SHRINK = 0.75
+# Iterations, and the first limit of a pair as a share of the settings': a fine pose starts from a quick one.
+_SEARCH, _POLISH = (12, 1.0), (6, 0.3)
 _EDGE_RATIO = 0.1
 _REACH, _KEPT = 3, 8
 
@@ -38,9 +41,10 @@ class ProjectiveAligner:
         from depthprint._kernels.projective_icp import align_by_projection
 
         poses = np.array(T_match_query[None], dtype=np.float64, order="C")
+        iterations, share = _POLISH if fine and not match.settings.whole_clouds else _SEARCH
         align_by_projection(
             *self._sample(query, fine), *_image(match), np.array(match.settings.tolerance),
-            match.settings.max_pairing_m, _SHRINK, _ITERATIONS, poses,
+            share * match.settings.max_pairing_m, _SHRINK, iterations, poses,
         )  # fmt: skip
         return poses[0] if np.isfinite(poses).all() else T_match_query
 
@@ -57,7 +61,8 @@ class ProjectiveAligner:
     def _sample(self, view: DepthView, fine: bool) -> tuple[FloatArray, FloatArray]:
         found = self._samples.pop((view, fine), None)
         if found is None:
-            found = _sampled_surface(view, *(_FINE if fine else _QUICK))
+            quick = _QUICK_HAND_HELD if view.settings.whole_clouds else _QUICK
+            found = _sampled_surface(view, *(_FINE if fine else quick))
             if len(self._samples) >= _KEPT:
                 self._samples.popitem(last=False)
         self._samples[view, fine] = found

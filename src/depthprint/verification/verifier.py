@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
-from depthprint.verification.agreement import coarse_overlaps, view_agreement
+from depthprint.verification.agreement import coarse_overlaps, thinned, view_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.projective_alignment import ProjectiveAligner
@@ -37,6 +37,8 @@ _CERTAIN = 0.7
 _HOPELESS = 0.5
 # A pose with less than this share of it is not refined on more points.
 _NEAR = 0.8
+# Points that tell how near it came; all that are counted judge a match.
+_GLANCED_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +167,9 @@ class GeometricVerifier:
     def _glance(self, query: DepthView, match: DepthView, start: FloatArray, given: bool) -> _Glance:
         """Where a start leads by the quick alignment, and what the views say of it."""
         pose = self._aligner(query).refine(query, match, start)
-        there = view_agreement(query.counted, match, pose)
-        back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
+        there = view_agreement(thinned(query.counted, _GLANCED_POINTS), match, pose)
+        T_query_match = np.asarray(np.linalg.inv(pose), dtype=np.float64)
+        back = view_agreement(thinned(match.counted, _GLANCED_POINTS), query, T_query_match)
         free = max(there.free_space_share, back.free_space_share)
         return _Glance(pose, min(there.overlap, back.overlap), free, given)
 
