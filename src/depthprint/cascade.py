@@ -47,7 +47,7 @@ def make_cascade(
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
-        track=settings.track and not shifts,
+        track=settings.track,
         verifier=verifier,
         views=views,
     )

@@ -15,17 +15,16 @@ from depthprint.polar_view import turn_of_shift
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
-from depthprint.verification.agreement import coarse_overlaps
-from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.verifier import GeometricVerifier, Verification
+from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.verifier import GeometricVerifier, Verification, judged_again
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
-_FRAMES_TRACKED, _PLACES_TRACKED = 10, 3
+_PLACES_TRACKED = 3
 # With this much nearness nothing better is looked for.
 _CERTAIN = 0.6
 
@@ -36,14 +35,6 @@ class VerifiedDescription:
 
     inner: Any
     view: DepthView
-
-
-@dataclass(frozen=True)
-class _Link:
-    """A stored place whose query was accepted at ``place``."""
-
-    place: int
-    T_match_query: npt.NDArray[np.float64]
 
 
 class VerifiedRecognizer:
@@ -87,16 +78,16 @@ class VerifiedRecognizer:
         self._verifier = GeometricVerifier() if verifier is None else verifier
         self._make_view = make_depth_view if views is None else views
         self._views: list[DepthView] = []
-        self._links: dict[int, _Link] = {}
-        self._last: tuple[VerifiedDescription, _Link] | None = None
+        self._links: dict[int, Hypothesis] = {}
+        self._last: tuple[VerifiedDescription, tuple[Hypothesis, ...]] | None = None
         self._track = track
-        self._odometry = DepthOdometry(self._verifier) if track else None
+        self._evidence = TemporalEvidence(self._verifier) if track else None
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
         """Let the inner method learn, and forget all places."""
         self.inner.fit(images)
         self._views, self._links, self._last = [], {}, None
-        self._odometry = DepthOdometry(self._verifier) if self._track else None
+        self._evidence = TemporalEvidence(self._verifier) if self._track else None
         return self
 
     def describe(self, image: RangeImage) -> VerifiedDescription:
@@ -107,42 +98,41 @@ class VerifiedRecognizer:
         """Store a place; where the last query was of this description, its match becomes known to the next."""
         number = self.inner.add(description.inner)
         self._views.append(description.view)
-        if self._odometry is not None:
-            self._odometry.add(description.view)
+        hypotheses: tuple[Hypothesis, ...] = ()
         if self._last is not None and self._last[0] is description:
-            self._links[number] = self._last[1]
+            hypotheses = self._last[1]
+            if hypotheses[0].accepted:
+                self._links[number] = hypotheses[0]
+        if self._evidence is not None:
+            self._evidence.add(description.view, hypotheses)
         self._last = None
         return number
 
     def query(
         self, description: VerifiedDescription, k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
-        """Best places: accepted ones by agreement, then the others by the inner distance."""
+        """Best places: accepted ones by their evidence, then the others by the inner distance."""
         pool = self.inner.query(description.inner, max(k, self._pool), limit)
         self._last = None
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checked: dict[int, Verification] = {}
-        seconded = self._tracked(description.view, stored) or self._seconded(stored)
-        for place, pose in seconded.items():
-            if any(v.accepted and v.nearness > _CERTAIN for v in checked.values()):
+        checks = _Checks(pool, self._spread)
+        for place, pose in self._expected(description.view, stored).items():
+            if checks.certain:
                 break
-            checked[place] = self._check(description, place, 0.0, (pose,), True)
+            self._check(checks, description, place, 0.0, (pose,), True)
         for match in spread_in_time(pool, self._k, self._spread):
-            best = _best(checked)
-            if best is not None and checked[best].nearness > _CERTAIN:
+            if checks.certain:
                 break
-            if match.place not in checked:
-                yaw = self._yaw(match, description.view)
-                checked[match.place] = self._check(description, match.place, yaw, (), False)
-        best = _best(checked)
-        if best is not None and self._climb:
-            self._climb_from(description, best, checked, stored)
-            best = _best(checked)
-        if best is not None:
-            self._last = description, _Link(best, checked[best].T_match_query)
-        return self._ranked(description, pool, checked)[:k]
+            if match.place not in checks.found:
+                self._check(checks, description, match.place, self._yaw(match, description.view), (), False)
+        if self._climb and checks.best is not None:
+            self._climb_from(checks, description, stored)
+        hypotheses = checks.hypotheses()
+        if hypotheses:
+            self._last = description, hypotheses
+        return checks.ranked()[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
         """1 - agreement / (1 + d) where the pair passes the check, else 1 + d / (1 + d), of the inner distance d."""
@@ -171,15 +161,24 @@ class VerifiedRecognizer:
 
     def _check(
         self,
+        checks: _Checks,
         description: VerifiedDescription,
         place: int,
         yaw_rad: float | None,
         starts: Sequence[npt.NDArray[np.float64]],
         seconded: bool,
-    ) -> Verification:
-        return self._verifier.verify(
-            description.view, self._views[place], yaw_rad=yaw_rad, starts=starts, seconded=seconded
-        )
+    ) -> None:
+        view, stored = description.view, self._views[place]
+        found = self._verifier.verify(view, stored, yaw_rad=yaw_rad, starts=starts, seconded=seconded)
+        if self._evidence is None:
+            checks.add(place, found, 0.0, found.accepted)
+            return
+        plausible = judged_again(found, stored.settings, seconded=True)
+        support = 0.0
+        if plausible.accepted:
+            support = self._evidence.support(view, place, found.T_match_query)
+        found = plausible if support else judged_again(found, stored.settings, seconded=False)
+        checks.add(place, found, support, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""
@@ -189,8 +188,10 @@ class VerifiedRecognizer:
             return None
         return turn_of_shift(match.shift, self._columns)
 
-    def _seconded(self, stored: int) -> dict[int, npt.NDArray[np.float64]]:
-        """Places next to the matches of the last frames, with the pose found there."""
+    def _expected(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
+        """Places to check before any proposal, with poses to start from."""
+        if self._evidence is not None:
+            return self._evidence.places_in_view(view, self._views, stored, _PLACES_TRACKED, self._spread)
         places: dict[int, npt.NDArray[np.float64]] = {}
         latest = len(self._views) - 1
         for number in range(latest, max(-1, latest - self._consistency), -1):
@@ -202,70 +203,95 @@ class VerifiedRecognizer:
                 break
         return places
 
-    def _tracked(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
-        """Places that odometry since the last match says are in view, with the poses it says, most overlap first."""
-        latest = len(self._views) - 1
-        recent = range(latest, max(-1, latest - _FRAMES_TRACKED), -1)
-        number = next((number for number in recent if number in self._links), None)
-        if self._odometry is None or number is None:
-            return {}
-        T_linked_query = self._odometry.pose_of_next(number, view)
-        if T_linked_query is None:
-            return {}
-        link = self._links[number]
-        places, T_place_match = self._odometry.relative_poses(link.place, stored)
-        poses = T_place_match @ link.T_match_query @ T_linked_query
-        near = np.linalg.norm(poses[:, :3, 3], axis=1) < view.settings.max_offset_m
-        overlaps = {
-            int(place): float(coarse_overlaps(view, self._views[place], pose[None])[0])
-            for place, pose in zip(places[near], poses[near], strict=True)
-        }
-        by_overlap = sorted(overlaps, key=lambda place: (-overlaps[place], place))
-        chosen: list[int] = []
-        for place in by_overlap:
-            if len(chosen) < _PLACES_TRACKED and all(abs(place - other) >= self._spread for other in chosen):
-                chosen.append(place)
-        pose_of = dict(zip(places.tolist(), poses, strict=True))
-        return {place: pose_of[place] for place in chosen}
-
-    def _climb_from(
-        self, description: VerifiedDescription, best: int, checked: dict[int, Verification], stored: int
-    ) -> None:
+    def _climb_from(self, checks: _Checks, description: VerifiedDescription, stored: int) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
         for step in (4, 2, 1):
-            if checked[best].nearness > _CERTAIN:
+            best = checks.best
+            if best is None or checks.certain:
                 break
-            pose = checked[best].T_match_query
+            pose = checks.found[best].T_match_query
             for place in (best - step, best + step):
-                if 0 <= place < stored and place not in checked:
-                    checked[place] = self._check(description, place, 0.0, (pose,), False)
-            better = _best(checked)
-            best = best if better is None else better
-
-    def _ranked(
-        self, description: VerifiedDescription, pool: list[PlaceMatch], checked: dict[int, Verification]
-    ) -> list[PlaceMatch]:
-        by_place = {match.place: match for match in pool}
-        found = []
-        for place in sorted({*by_place, *(p for p, v in checked.items() if v.accepted)}):
-            match = by_place.get(place, PlaceMatch(place, self._inner_distance(place, pool)))
-            verification = checked.get(place)
-            distance = _distance(match.distance, verification)
-            found.append(replace(match, distance=distance, verification=verification))
-        return sorted(found, key=lambda m: (m.distance, m.place))
-
-    def _inner_distance(self, place: int, pool: list[PlaceMatch]) -> float:
-        """Distance for a place that was not proposed."""
-        beside = [match.distance for match in pool if abs(match.place - place) <= self._spread]
-        return min(beside) if beside else max(match.distance for match in pool)
+                if 0 <= place < stored and place not in checks.found:
+                    self._check(checks, description, place, 0.0, (pose,), False)
 
 
-def _best(checked: dict[int, Verification]) -> int | None:
-    accepted = [place for place, v in checked.items() if v.accepted]
-    return max(accepted, key=lambda place: (checked[place].nearness, -place), default=None)
+class _Checks:
+    """Places that one query was checked against, and what that says."""
+
+    def __init__(self, pool: Sequence[PlaceMatch], spread: int) -> None:
+        self.found: dict[int, Verification] = {}
+        self._support: dict[int, float] = {}
+        self._plausible: set[int] = set()
+        self._pool = {match.place: match for match in pool}
+        self._spread = spread
+
+    def add(self, place: int, found: Verification, support: float, plausible: bool) -> None:
+        self.found[place], self._support[place] = found, support
+        if plausible:
+            self._plausible.add(place)
+
+    @property
+    def best(self) -> int | None:
+        """The accepted place to be called the match, or None."""
+        accepted = [place for place, found in self.found.items() if found.accepted]
+        return max(
+            accepted,
+            key=lambda place: (self._joined(place, self.found[place].nearness), -place),
+            default=None,
+        )
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing better need be looked for."""
+        best = self.best
+        return best is not None and self.found[best].nearness > _CERTAIN
+
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Plausible places, the best first."""
+        order = sorted(self._plausible, key=lambda place: (place != self.best, -self._strength(place), place))
+        return tuple(
+            Hypothesis(
+                place,
+                self.found[place].T_match_query,
+                self._strength(place),
+                self._support[place],
+                self.found[place].accepted,
+            )
+            for place in order
+        )
+
+    def ranked(self) -> list[PlaceMatch]:
+        """Proposed and accepted places, best first."""
+        accepted = (place for place, found in self.found.items() if found.accepted)
+        matches = []
+        for place in sorted({*self._pool, *accepted}):
+            match = self._pool.get(place, PlaceMatch(place, self._inner(place)))
+            found = self.found.get(place)
+            if found is not None and found.accepted:
+                distance = 1.0 - self._strength(place)
+            else:
+                distance = _refused_distance(match.distance)
+            matches.append(replace(match, distance=distance, verification=found))
+        return sorted(matches, key=lambda m: (m.distance, m.place))
+
+    def _strength(self, place: int) -> float:
+        return self._joined(place, self.found[place].agreement / (1.0 + self._inner(place)))
+
+    def _joined(self, place: int, own: float) -> float:
+        """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
+        return 1.0 - (1.0 - own) * (1.0 - self._support[place])
+
+    def _inner(self, place: int) -> float:
+        """Inner distance of a place, or of its nearest proposal beside it, or else of the worst proposal."""
+        if place in self._pool:
+            return self._pool[place].distance
+        beside = [match.distance for match in self._pool.values() if abs(match.place - place) <= self._spread]
+        return min(beside) if beside else max(match.distance for match in self._pool.values())
 
 
-def _distance(inner: float, verification: Verification | None) -> float:
-    if verification is not None and verification.accepted:
-        return 1.0 - verification.agreement / (1.0 + inner)
+def _distance(inner: float, found: Verification) -> float:
+    return 1.0 - found.agreement / (1.0 + inner) if found.accepted else _refused_distance(inner)
+
+
+def _refused_distance(inner: float) -> float:
     return 1.0 + inner / (1.0 + inner)

@@ -12,6 +12,16 @@ from depthprint.range_image import RangeImage
 __all__ = ["VerificationSettings", "settings_for"]
 
 
+_LENGTHS = ("reach_m", "voxel_m", "max_pairing_m", "max_offset_m", "witness_m", "agreeing_m")
+_SHARES = (
+    "coarse_overlap",
+    "min_overlap",
+    "min_overlap_seconded",
+    "max_free_space_share",
+    "max_free_space_share_seconded",
+)
+
+
 @dataclass(frozen=True)
 class VerificationSettings:
     """How two views are aligned and when they count as one place.
@@ -25,8 +35,13 @@ class VerificationSettings:
     coarse_overlap: a start under this overlap is not refined. refined_starts: best starts that are.
     max_pairing_m: points further apart are no pair in the alignment. max_offset_m: a longer T_match_query is refused.
     min_points: fewer aligned points are refused. min_overlap: least share confirmed, both ways;
-        min_overlap_seconded: where a neighbouring frame was found at the same place.
-    max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways.
+        min_overlap_seconded: where earlier frames were found at the same place.
+    max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways;
+        max_free_space_share_seconded: where earlier frames were found at the same place.
+    min_overlap_motion: least overlap of a view and the next one for odometry, which starts beside the truth, to
+        believe their alignment; above 1 only what passes as a match is believed.
+    witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
+        where the matches before it and the motion since say, for each such motion.
     Raises SettingsError for values out of range.
     """
 
@@ -47,15 +62,20 @@ class VerificationSettings:
     min_overlap: float = 0.45
     min_overlap_seconded: float = 0.35
     max_free_space_share: float = 0.2
+    max_free_space_share_seconded: float = 0.2
+    min_overlap_motion: float = 2.0
+    witness_m: float = 3.5
+    agreeing_m: float = 0.6
+    agreeing_rad: float = math.radians(3.0)
 
     def __post_init__(self) -> None:
         for name in ("columns", "refined_starts", "min_points"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"VerificationSettings: expected {name} >= 1, got {getattr(self, name)}")
-        for name in ("reach_m", "voxel_m", "max_pairing_m", "max_offset_m"):
+        for name in (*_LENGTHS, "agreeing_rad"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"VerificationSettings: expected {name} > 0, got {getattr(self, name)}")
-        for name in ("coarse_overlap", "min_overlap", "min_overlap_seconded", "max_free_space_share"):
+        for name in _SHARES:
             if not 0 <= getattr(self, name) <= 1:
                 raise SettingsError(
                     f"VerificationSettings: expected {name} in [0, 1], got {getattr(self, name)}"
@@ -70,6 +90,9 @@ def _degrees(*angles: float) -> tuple[float, ...]:
 
 
 _CAMERA = VerificationSettings(
+    min_overlap_seconded=0.25,
+    max_free_space_share_seconded=0.5,
+    min_overlap_motion=0.2,
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
     yaw_rad=_degrees(0, -5, 5, -10, 10),
@@ -79,6 +102,8 @@ _SPINNING = replace(
     columns=360,
     voxel_m=1.0,
     tolerance=(0.3, 0.01, 0.0),
+    min_overlap_seconded=0.35,
+    max_free_space_share_seconded=0.2,
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
 )
@@ -92,6 +117,10 @@ _HAND_HELD = VerificationSettings(
     max_pairing_m=0.3,
     max_offset_m=2.5,
     max_free_space_share=0.1,
+    max_free_space_share_seconded=0.1,
+    witness_m=0.3,
+    agreeing_m=0.15,
+    agreeing_rad=math.radians(6.0),
 )
 _ROW = VerificationSettings(
     columns=360,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ from depthprint.verification.starts import (
     yaw_pose,
 )
 
-__all__ = ["GeometricVerifier", "Verification"]
+__all__ = ["GeometricVerifier", "Verification", "judged_again"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -115,13 +115,8 @@ class GeometricVerifier:
         ``seconded``: a neighbouring frame was found at this place, so that less overlap is enough.
         Raises DataError for views of different kinds of sensors, MissingExtraError.
         """
-        if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
-            raise DataError(
-                "verify: expected two views of one kind of sensor, got "
-                f"{type(query.projection).__name__} and {type(match.projection).__name__}"
-            )
+        _require_one_kind(query, match)
         settings = match.settings
-        enough = settings.min_overlap_seconded if seconded else settings.min_overlap
         poses = self._grid(query, yaw_rad)
         if starts:
             poses = np.concatenate([np.stack(starts), poses])
@@ -135,20 +130,27 @@ class GeometricVerifier:
         for start in order:
             pose = aligner.refine(query, match, poses[start])
             origin = "given pose" if start < len(starts) else "coarse search"
-            tried = self._judge(query, match, pose, origin, enough)
+            tried = self._judge(query, match, pose, origin, seconded)
             if found is None or _rank(tried) > _rank(found):
                 found = tried
-            if (found.accepted and found.overlap > _CERTAIN) or found.overlap < _HOPELESS * enough:
+            hopeless = _HOPELESS * (settings.min_overlap_seconded if seconded else settings.min_overlap)
+            if (found.accepted and found.overlap > _CERTAIN) or found.overlap < hopeless:
                 break
         if self._kiss and found is not None and not found.accepted and isinstance(aligner, CloudAligner):
             start_pose = kiss_matcher_start(query, match)
             if start_pose is not None:
                 pose = aligner.refine(query, match, start_pose)
-                tried = self._judge(query, match, pose, "kiss-matcher", enough)
+                tried = self._judge(query, match, pose, "kiss-matcher", seconded)
                 found = max(found, tried, key=_rank)
         if found is None:
             raise DataError("verify: expected at least one start")
         return found
+
+    def refine(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> Verification:
+        """Check two views from one given pose (4, 4), without a search. Raises as ``verify``."""
+        _require_one_kind(query, match)
+        pose = self._aligner(query).refine(query, match, T_match_query)
+        return self._judge(query, match, pose, "given pose", False)
 
     def _grid(self, query: DepthView, yaw_rad: float | None) -> FloatArray:
         grid = pose_grid(query.settings, query.projection)
@@ -165,14 +167,14 @@ class GeometricVerifier:
         return self._clouds
 
     def _judge(
-        self, query: DepthView, match: DepthView, pose: FloatArray, start: str, enough: float
+        self, query: DepthView, match: DepthView, pose: FloatArray, start: str, seconded: bool
     ) -> Verification:
         there = view_agreement(query.counted, match, pose)
         back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
-        reason = _refusal(match.settings, pose, inliers, overlap, free, enough)
+        reason = _refusal(match.settings, pose, inliers, overlap, free, seconded)
         pose = np.array(pose, dtype=np.float64)
         pose.setflags(write=False)
         return Verification(
@@ -183,16 +185,38 @@ class GeometricVerifier:
             free_space_share=free,
             rmse_m=rmse_m,
             accepted=not reason,
-            reason=reason or f"{overlap:.0%} of the views agree, {free:.0%} are seen through",
+            reason=reason or _approval(overlap, free),
             start=start,
             max_offset_m=match.settings.max_offset_m,
         )
 
 
+def judged_again(found: Verification, settings: VerificationSettings, *, seconded: bool) -> Verification:
+    """The same alignment, accepted or refused by the rule for seconded places or by that for lone ones."""
+    if not found.inliers:
+        return found
+    reason = _refusal(
+        settings, found.T_match_query, found.inliers, found.overlap, found.free_space_share, seconded
+    )
+    approval = _approval(found.overlap, found.free_space_share)
+    return replace(found, accepted=not reason, reason=reason or approval)
+
+
+def _approval(overlap: float, free: float) -> str:
+    return f"{overlap:.0%} of the views agree, {free:.0%} are seen through"
+
+
 def _refusal(
-    settings: VerificationSettings, pose: FloatArray, inliers: int, overlap: float, free: float, enough: float
+    settings: VerificationSettings,
+    pose: FloatArray,
+    inliers: int,
+    overlap: float,
+    free: float,
+    seconded: bool,
 ) -> str:
     """Why a pose is refused; empty when it is not."""
+    enough = settings.min_overlap_seconded if seconded else settings.min_overlap
+    most_free = settings.max_free_space_share_seconded if seconded else settings.max_free_space_share
     offset_m = float(np.linalg.norm(pose[:3, 3]))
     if inliers < settings.min_points:
         return f"{inliers} points have a partner, {settings.min_points} are needed"
@@ -200,9 +224,17 @@ def _refusal(
         return f"the views would be {offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
     if overlap < enough:
         return f"{overlap:.0%} of the views agree, {enough:.0%} are needed"
-    if free > settings.max_free_space_share:
-        return f"{free:.0%} lie where the other view sees through, {settings.max_free_space_share:.0%} may"
+    if free > most_free:
+        return f"{free:.0%} lie where the other view sees through, {most_free:.0%} may"
     return ""
+
+
+def _require_one_kind(query: DepthView, match: DepthView) -> None:
+    if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
+        raise DataError(
+            "verify: expected two views of one kind of sensor, got "
+            f"{type(query.projection).__name__} and {type(match.projection).__name__}"
+        )
 
 
 def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
