@@ -17,7 +17,7 @@ from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
 from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
-from depthprint.verification.verifier import GeometricVerifier, Verification, judged_again
+from depthprint.verification.verifier import GeometricVerifier, Verification, judged
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
@@ -27,6 +27,10 @@ _STEPS = (0, 1, -1)
 _PLACES_TRACKED = 3
 # With this much nearness nothing better is looked for.
 _CERTAIN = 0.6
+# Agreement that wrong places of the same shape often reach.
+_REACHED_ELSEWHERE = 0.4
+# Accepted places that are at most so many frames apart are one place, seen from nearer and further.
+_ONE_PLACE = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,11 +177,11 @@ class VerifiedRecognizer:
         if self._evidence is None:
             checks.add(place, found, 0.0, found.accepted)
             return
-        plausible = judged_again(found, stored.settings, seconded=True)
+        plausible = judged(found, stored.settings, seconded=True)
         support = 0.0
         if plausible.accepted:
             support = self._evidence.support(view, place, found.T_match_query)
-        found = plausible if support else judged_again(found, stored.settings, seconded=False)
+        found = plausible if support else judged(found, stored.settings, seconded=False)
         checks.add(place, found, support, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
@@ -262,20 +266,24 @@ class _Checks:
 
     def ranked(self) -> list[PlaceMatch]:
         """Proposed and accepted places, best first."""
-        accepted = (place for place, found in self.found.items() if found.accepted)
+        best = self.best
+        accepted = [place for place, found in self.found.items() if found.accepted]
         matches = []
         for place in sorted({*self._pool, *accepted}):
             match = self._pool.get(place, PlaceMatch(place, self._inner(place)))
             found = self.found.get(place)
             if found is not None and found.accepted:
-                distance = 1.0 - self._strength(place)
+                # The nearest view is named, with the evidence of its neighbours.
+                beside = [p for p in accepted if abs(p - place) <= _ONE_PLACE] if place == best else [place]
+                distance = 1.0 - max(self._strength(p) for p in beside)
             else:
-                distance = _refused_distance(match.distance)
+                doubt = 1.0 - self._strength(place) if place in self._plausible else 1.0
+                distance = 1.0 + doubt * match.distance / (1.0 + match.distance)
             matches.append(replace(match, distance=distance, verification=found))
-        return sorted(matches, key=lambda m: (m.distance, m.place))
+        return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
 
     def _strength(self, place: int) -> float:
-        return self._joined(place, self.found[place].agreement / (1.0 + self._inner(place)))
+        return self._joined(place, _evidence(self.found[place], self._inner(place)))
 
     def _joined(self, place: int, own: float) -> float:
         """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
@@ -289,9 +297,12 @@ class _Checks:
         return min(beside) if beside else max(match.distance for match in self._pool.values())
 
 
+def _evidence(found: Verification, inner: float) -> float:
+    """What one view says for a place, in [0, 1): agreement over what other places reach, and the inner distance."""
+    return (
+        max(0.0, found.agreement - _REACHED_ELSEWHERE) / (1.0 - _REACHED_ELSEWHERE) / math.sqrt(1.0 + inner)
+    )
+
+
 def _distance(inner: float, found: Verification) -> float:
-    return 1.0 - found.agreement / (1.0 + inner) if found.accepted else _refused_distance(inner)
-
-
-def _refused_distance(inner: float) -> float:
-    return 1.0 + inner / (1.0 + inner)
+    return 1.0 - _evidence(found, inner) if found.accepted else 1.0 + inner / (1.0 + inner)

@@ -19,6 +19,8 @@ _SHARES = (
     "min_overlap_seconded",
     "max_free_space_share",
     "max_free_space_share_seconded",
+    "min_agreement",
+    "min_agreement_seconded",
 )
 
 
@@ -28,7 +30,8 @@ class VerificationSettings:
 
     columns: views are thinned to at most this many columns.
     reach_m: returns further away are left out. voxel_m: spacing of the points that are aligned.
-    tolerance: ranges agree within tolerance[0] + tolerance[1] r + tolerance[2] r^2 metres.
+    tolerance: ranges agree within tolerance[0] + tolerance[1] r + tolerance[2] r^2 metres; noise: standard deviation of
+        the difference of two of them, pose and all, in the same form.
     ground_clearance_m: where the sensor's height is known, points lower than this above the ground are not
         counted, since the ground of any two streets agrees.
     forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
@@ -38,6 +41,7 @@ class VerificationSettings:
         min_overlap_seconded: where earlier frames were found at the same place.
     max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways;
         max_free_space_share_seconded: where earlier frames were found at the same place.
+    min_agreement, min_agreement_seconded: least ``Verification.agreement``.
     min_overlap_motion: least overlap of a view and the next one for odometry, which starts beside the truth, to
         believe their alignment; above 1 only what passes as a match is believed.
     witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
@@ -49,6 +53,7 @@ class VerificationSettings:
     reach_m: float = 40.0
     voxel_m: float = 0.8
     tolerance: tuple[float, float, float] = (0.2, 0.0, 0.003)
+    noise: tuple[float, float, float] = (0.05, 0.0, 0.0013)
     ground_clearance_m: float = 0.4
     forward_m: tuple[float, ...] = (0.0,)
     sideways_m: tuple[float, ...] = (0.0,)
@@ -63,6 +68,8 @@ class VerificationSettings:
     min_overlap_seconded: float = 0.35
     max_free_space_share: float = 0.2
     max_free_space_share_seconded: float = 0.2
+    min_agreement: float = 0.0
+    min_agreement_seconded: float = 0.0
     min_overlap_motion: float = 2.0
     witness_m: float = 3.5
     agreeing_m: float = 0.6
@@ -90,8 +97,12 @@ def _degrees(*angles: float) -> tuple[float, ...]:
 
 
 _CAMERA = VerificationSettings(
+    min_overlap=0.25,
     min_overlap_seconded=0.25,
+    max_free_space_share=0.5,
     max_free_space_share_seconded=0.5,
+    min_agreement=0.5,
+    min_agreement_seconded=0.25,
     min_overlap_motion=0.2,
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
@@ -102,8 +113,13 @@ _SPINNING = replace(
     columns=360,
     voxel_m=1.0,
     tolerance=(0.3, 0.01, 0.0),
+    noise=(0.15, 0.005, 0.0),
+    min_overlap=0.45,
     min_overlap_seconded=0.35,
+    max_free_space_share=0.2,
     max_free_space_share_seconded=0.2,
+    min_agreement=0.0,
+    min_agreement_seconded=0.0,
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
 )
@@ -111,6 +127,7 @@ _HAND_HELD = VerificationSettings(
     reach_m=8.0,
     voxel_m=0.13,
     tolerance=(0.04, 0.0, 0.006),
+    noise=(0.02, 0.0, 0.003),
     forward_m=(0.0, -0.25, 0.25),
     yaw_rad=_degrees(0, -8, 8, -16, 16, -24, 24),
     pitch_rad=_degrees(0, -8, 8, -16, 16),
@@ -127,6 +144,7 @@ _ROW = VerificationSettings(
     reach_m=50.0,
     voxel_m=0.1,
     tolerance=(0.3, 0.01, 0.0),
+    noise=(0.15, 0.005, 0.0),
     forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
     sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
     yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),

@@ -23,7 +23,7 @@ from depthprint.verification.starts import (
     yaw_pose,
 )
 
-__all__ = ["GeometricVerifier", "Verification", "judged_again"]
+__all__ = ["GeometricVerifier", "Verification", "judged"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,6 +34,7 @@ _BESIDE = 0.15
 _CERTAIN = 0.7
 # Nor where the best one led to less than this share of the overlap that is needed.
 _HOPELESS = 0.5
+_NO_START = "none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
+    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness``.
     accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
 
@@ -56,17 +58,13 @@ class Verification:
     accepted: bool
     reason: str
     start: str
+    agreement: float = 0.0
     max_offset_m: float = math.inf
 
     @property
     def nearness(self) -> float:
         """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
         return self.agreement * (1.0 - 0.5 * min(1.0, self.offset_m / self.max_offset_m))
-
-    @property
-    def agreement(self) -> float:
-        """Overlap, less what free space takes from it: overlap * (1 - free_space_share), in [0, 1]."""
-        return self.overlap * (1.0 - self.free_space_share)
 
     @property
     def offset_m(self) -> float:
@@ -174,58 +172,49 @@ class GeometricVerifier:
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
-        reason = _refusal(match.settings, pose, inliers, overlap, free, seconded)
+        agreement = max(0.0, 0.5 * (there.likeness + back.likeness))
         pose = np.array(pose, dtype=np.float64)
         pose.setflags(write=False)
-        return Verification(
+        found = Verification(
             T_match_query=pose,
             inliers=inliers,
             overlap=overlap,
             free_space_violations=there.free + back.free,
             free_space_share=free,
             rmse_m=rmse_m,
-            accepted=not reason,
-            reason=reason or _approval(overlap, free),
+            accepted=False,
+            reason="",
             start=start,
+            agreement=agreement,
             max_offset_m=match.settings.max_offset_m,
         )
+        return judged(found, match.settings, seconded=seconded)
 
 
-def judged_again(found: Verification, settings: VerificationSettings, *, seconded: bool) -> Verification:
+def judged(found: Verification, settings: VerificationSettings, *, seconded: bool) -> Verification:
     """The same alignment, accepted or refused by the rule for seconded places or by that for lone ones."""
-    if not found.inliers:
+    if found.start == _NO_START:
         return found
-    reason = _refusal(
-        settings, found.T_match_query, found.inliers, found.overlap, found.free_space_share, seconded
-    )
-    approval = _approval(found.overlap, found.free_space_share)
+    reason = _refusal(found, settings, seconded)
+    approval = f"{found.overlap:.0%} of the views agree, {found.free_space_share:.0%} are seen through"
     return replace(found, accepted=not reason, reason=reason or approval)
 
 
-def _approval(overlap: float, free: float) -> str:
-    return f"{overlap:.0%} of the views agree, {free:.0%} are seen through"
-
-
-def _refusal(
-    settings: VerificationSettings,
-    pose: FloatArray,
-    inliers: int,
-    overlap: float,
-    free: float,
-    seconded: bool,
-) -> str:
-    """Why a pose is refused; empty when it is not."""
+def _refusal(found: Verification, settings: VerificationSettings, seconded: bool) -> str:
+    """Why an alignment is refused; empty when it is not."""
     enough = settings.min_overlap_seconded if seconded else settings.min_overlap
     most_free = settings.max_free_space_share_seconded if seconded else settings.max_free_space_share
-    offset_m = float(np.linalg.norm(pose[:3, 3]))
-    if inliers < settings.min_points:
-        return f"{inliers} points have a partner, {settings.min_points} are needed"
-    if offset_m > settings.max_offset_m:
-        return f"the views would be {offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
-    if overlap < enough:
-        return f"{overlap:.0%} of the views agree, {enough:.0%} are needed"
-    if free > most_free:
-        return f"{free:.0%} lie where the other view sees through, {most_free:.0%} may"
+    least = settings.min_agreement_seconded if seconded else settings.min_agreement
+    if found.inliers < settings.min_points:
+        return f"{found.inliers} points have a partner, {settings.min_points} are needed"
+    if found.offset_m > settings.max_offset_m:
+        return f"the views would be {found.offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
+    if found.overlap < enough:
+        return f"{found.overlap:.0%} of the views agree, {enough:.0%} are needed"
+    if found.free_space_share > most_free:
+        return f"{found.free_space_share:.0%} lie where the other view sees through, {most_free:.0%} may"
+    if found.agreement < least:
+        return f"the views agree to {found.agreement:.2f} within their noise, {least:.2f} is needed"
     return ""
 
 
@@ -240,7 +229,7 @@ def _require_one_kind(query: DepthView, match: DepthView) -> None:
 def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
     pose = np.array(pose, dtype=np.float64)
     pose.setflags(write=False)
-    return Verification(pose, 0, overlap, 0, 1.0, math.inf, False, reason, "coarse search")
+    return Verification(pose, 0, overlap, 0, 1.0, math.inf, False, reason, _NO_START)
 
 
 def _rank(verification: Verification) -> tuple[bool, float]:
