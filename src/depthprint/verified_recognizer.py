@@ -26,7 +26,7 @@ __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 _STEPS = (0, 1, -1)
 _PLACES_TRACKED = 3
 # With this much nearness nothing better is looked for.
-_CERTAIN = 0.6
+_CERTAIN = 0.5
 # Agreement that wrong places of the same shape often reach.
 _REACHED_ELSEWHERE = 0.4
 # Accepted places that are at most so many frames apart are one place, seen from nearer and further.
@@ -213,10 +213,17 @@ class VerifiedRecognizer:
             best = checks.best
             if best is None or checks.certain:
                 break
-            pose = checks.found[best].T_match_query
             for place in (best - step, best + step):
                 if 0 <= place < stored and place not in checks.found:
+                    pose = self._moved(checks.found[best].T_match_query, best, place)
                     self._check(checks, description, place, 0.0, (pose,), False)
+
+    def _moved(
+        self, T_match_query: npt.NDArray[np.float64], match: int, place: int
+    ) -> npt.NDArray[np.float64]:
+        """The pose seen from another place, as far as the motion between the two is known."""
+        T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
+        return T_match_query if T_place_match is None else T_place_match @ T_match_query
 
 
 class _Checks:

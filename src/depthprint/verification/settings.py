@@ -99,8 +99,8 @@ def _degrees(*angles: float) -> tuple[float, ...]:
 _CAMERA = VerificationSettings(
     min_overlap=0.25,
     min_overlap_seconded=0.25,
-    max_free_space_share=0.5,
-    max_free_space_share_seconded=0.5,
+    max_free_space_share=0.6,
+    max_free_space_share_seconded=0.6,
     min_agreement=0.5,
     min_agreement_seconded=0.25,
     min_overlap_motion=0.2,

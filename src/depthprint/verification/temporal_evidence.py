@@ -63,7 +63,7 @@ class TemporalEvidence:
     ) -> dict[int, FloatArray]:
         """Up to ``count`` places, ``spread`` apart, where motion since the last match says the frame overlaps most.
 
-        Each with the pose T_place_view that motion says. Empty where nothing was matched lately or odometry broke.
+        Before them the place that it says is nearest. Each with the pose T_place_view that motion says. Empty where nothing was matched lately or odometry broke.
         """
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest - _FOLLOWED), -1):
@@ -83,11 +83,15 @@ class TemporalEvidence:
             place: float(coarse_overlaps(view, views[place], pose[None])[0])
             for place, pose in pose_of.items()
         }
-        chosen: list[int] = []
+        chosen = sorted(pose_of, key=lambda place: float(np.linalg.norm(pose_of[place][:3, 3])))[:1]
         for place in sorted(overlaps, key=lambda place: (-overlaps[place], place)):
-            if len(chosen) < count and all(abs(place - other) >= spread for other in chosen):
+            if len(chosen) <= count and all(abs(place - other) >= spread for other in chosen):
                 chosen.append(place)
         return {place: pose_of[place] for place in chosen}
+
+    def relative_pose(self, first: int, second: int) -> FloatArray | None:
+        """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
+        return self._odometry.relative_pose(first, second)
 
     def support(self, view: DepthView, place: int, T_match_query: FloatArray) -> float:
         """Evidence in [0, 1) of earlier frames for a frame not added yet being at a pose in a place.

@@ -64,7 +64,7 @@ class Verification:
     @property
     def nearness(self) -> float:
         """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
-        return self.agreement * (1.0 - 0.5 * min(1.0, self.offset_m / self.max_offset_m))
+        return self.agreement * (1.0 - min(1.0, self.offset_m / self.max_offset_m))
 
     @property
     def offset_m(self) -> float:
