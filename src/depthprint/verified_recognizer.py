@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.checked_places import CheckedPlaces, distance_of
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
 from depthprint.proposals import spread_in_time
@@ -17,7 +18,7 @@ from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
 from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
-from depthprint.verification.verifier import GeometricVerifier, Verification, judged
+from depthprint.verification.verifier import GeometricVerifier, judged
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
@@ -25,12 +26,7 @@ __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
 _PLACES_TRACKED = 3
-# With this much nearness nothing better is looked for.
-_CERTAIN = 0.5
-# Agreement that wrong places of the same shape often reach.
-_REACHED_ELSEWHERE = 0.4
-# Accepted places that are at most so many frames apart are one place, seen from nearer and further.
-_ONE_PLACE = 10
+_MOST_TURN_RAD = math.radians(45)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +38,22 @@ class VerifiedDescription:
 
 
 class VerifiedRecognizer:
-    """PlaceRecognizer around another: proposals that pass the geometric check come first, by their agreement.
+    """PlaceRecognizer around another: proposals that pass the geometric check come first, by their evidence.
 
-    The distance of an accepted place is 1 - agreement / (1 + d), below 1; that of any other is 1 + d / (1 + d). d is
-    the inner method's distance; for a place that it did not propose, that of its nearest proposal within ``spread``
-    frames, or else of its worst one. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
+    The distance of an accepted place is 1 - E, below 1, where E joins what this view says (the agreement, over what
+    other places often reach, by the inner distance d) with what earlier frames say; that of any other place is
+    1 + d / (1 + d), less for a plausible one. d of a place that the inner method did not propose is that of its nearest
+    proposal within ``spread`` frames, or else of its worst one.
+    Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
     pool: how many proposals the inner method is asked for; k * spread when None.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
-    climb: an accepted place gives way to a neighbour in time of greater agreement.
-    consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
-    first, from their pose, and need less overlap. 0 turns it off.
-    track: follow the motion from frame to frame by depth alone, and check first the places that it says are in view.
+    climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named.
+    track: follow the motion from frame to frame by depth alone. Places that it says are in view are checked first; a
+    place where it leads from those of earlier frames needs less agreement, and has their evidence too.
+    consistency: without ``track``, places next to those of the last ``consistency`` frames that were queried and then
+    added are checked first, from their pose, and need less overlap. 0 turns it off.
+    further: gives more proposals of an inner description, their shift a share of the view's width, below a limit;
+    checked where none was accepted.
     Raises SettingsError for numbers out of range; MissingExtraError (on query) without small_gicp.
     """
 
@@ -67,6 +68,7 @@ class VerifiedRecognizer:
         climb: bool = True,
         consistency: int = 0,
         track: bool = False,
+        further: Callable[..., list[PlaceMatch]] | None = None,
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
     ) -> None:
@@ -84,7 +86,7 @@ class VerifiedRecognizer:
         self._views: list[DepthView] = []
         self._links: dict[int, Hypothesis] = {}
         self._last: tuple[VerifiedDescription, tuple[Hypothesis, ...]] | None = None
-        self._track = track
+        self._track, self._further = track, further
         self._evidence = TemporalEvidence(self._verifier) if track else None
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
@@ -121,7 +123,7 @@ class VerifiedRecognizer:
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checks = _Checks(pool, self._spread)
+        checks = CheckedPlaces(pool, self._spread)
         for place, pose in self._expected(description.view, stored).items():
             if checks.certain:
                 break
@@ -131,6 +133,11 @@ class VerifiedRecognizer:
                 break
             if match.place not in checks.found:
                 self._check(checks, description, match.place, self._yaw(match, description.view), (), False)
+        if checks.best is None and self._further is not None:
+            for match in self._further(description.inner, limit=limit):
+                yaw = -(match.shift or 0.0) * description.view.projection.horizontal_fov_rad
+                if match.place not in checks.found and abs(yaw) <= _MOST_TURN_RAD:
+                    self._check(checks, description, match.place, yaw, (), False)
         if self._climb and checks.best is not None:
             self._climb_from(checks, description, stored)
         hypotheses = checks.hypotheses()
@@ -143,7 +150,7 @@ class VerifiedRecognizer:
         inner = self.inner.distance(first.inner, second.inner)
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)
-        return _distance(inner, found)
+        return distance_of(inner, found)
 
     @property
     def fingerprint(self) -> str:
@@ -165,7 +172,7 @@ class VerifiedRecognizer:
 
     def _check(
         self,
-        checks: _Checks,
+        checks: CheckedPlaces,
         description: VerifiedDescription,
         place: int,
         yaw_rad: float | None,
@@ -207,7 +214,7 @@ class VerifiedRecognizer:
                 break
         return places
 
-    def _climb_from(self, checks: _Checks, description: VerifiedDescription, stored: int) -> None:
+    def _climb_from(self, checks: CheckedPlaces, description: VerifiedDescription, stored: int) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
         for step in (4, 2, 1):
             best = checks.best
@@ -224,92 +231,3 @@ class VerifiedRecognizer:
         """The pose seen from another place, as far as the motion between the two is known."""
         T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
         return T_match_query if T_place_match is None else T_place_match @ T_match_query
-
-
-class _Checks:
-    """Places that one query was checked against, and what that says."""
-
-    def __init__(self, pool: Sequence[PlaceMatch], spread: int) -> None:
-        self.found: dict[int, Verification] = {}
-        self._support: dict[int, float] = {}
-        self._plausible: set[int] = set()
-        self._pool = {match.place: match for match in pool}
-        self._spread = spread
-
-    def add(self, place: int, found: Verification, support: float, plausible: bool) -> None:
-        self.found[place], self._support[place] = found, support
-        if plausible:
-            self._plausible.add(place)
-
-    @property
-    def best(self) -> int | None:
-        """The accepted place to be called the match, or None."""
-        accepted = [place for place, found in self.found.items() if found.accepted]
-        return max(
-            accepted,
-            key=lambda place: (self._joined(place, self.found[place].nearness), -place),
-            default=None,
-        )
-
-    @property
-    def certain(self) -> bool:
-        """Whether nothing better need be looked for."""
-        best = self.best
-        return best is not None and self.found[best].nearness > _CERTAIN
-
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Plausible places, the best first."""
-        order = sorted(self._plausible, key=lambda place: (place != self.best, -self._strength(place), place))
-        return tuple(
-            Hypothesis(
-                place,
-                self.found[place].T_match_query,
-                self._strength(place),
-                self._support[place],
-                self.found[place].accepted,
-            )
-            for place in order
-        )
-
-    def ranked(self) -> list[PlaceMatch]:
-        """Proposed and accepted places, best first."""
-        best = self.best
-        accepted = [place for place, found in self.found.items() if found.accepted]
-        matches = []
-        for place in sorted({*self._pool, *accepted}):
-            match = self._pool.get(place, PlaceMatch(place, self._inner(place)))
-            found = self.found.get(place)
-            if found is not None and found.accepted:
-                # The nearest view is named, with the evidence of its neighbours.
-                beside = [p for p in accepted if abs(p - place) <= _ONE_PLACE] if place == best else [place]
-                distance = 1.0 - max(self._strength(p) for p in beside)
-            else:
-                doubt = 1.0 - self._strength(place) if place in self._plausible else 1.0
-                distance = 1.0 + doubt * match.distance / (1.0 + match.distance)
-            matches.append(replace(match, distance=distance, verification=found))
-        return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
-
-    def _strength(self, place: int) -> float:
-        return self._joined(place, _evidence(self.found[place], self._inner(place)))
-
-    def _joined(self, place: int, own: float) -> float:
-        """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
-        return 1.0 - (1.0 - own) * (1.0 - self._support[place])
-
-    def _inner(self, place: int) -> float:
-        """Inner distance of a place, or of its nearest proposal beside it, or else of the worst proposal."""
-        if place in self._pool:
-            return self._pool[place].distance
-        beside = [match.distance for match in self._pool.values() if abs(match.place - place) <= self._spread]
-        return min(beside) if beside else max(match.distance for match in self._pool.values())
-
-
-def _evidence(found: Verification, inner: float) -> float:
-    """What one view says for a place, in [0, 1): agreement over what other places reach, and the inner distance."""
-    return (
-        max(0.0, found.agreement - _REACHED_ELSEWHERE) / (1.0 - _REACHED_ELSEWHERE) / math.sqrt(1.0 + inner)
-    )
-
-
-def _distance(inner: float, found: Verification) -> float:
-    return 1.0 - _evidence(found, inner) if found.accepted else 1.0 + inner / (1.0 + inner)

@@ -48,27 +48,34 @@ class CosineRecognizer:
             number = store.add(unit_grid(vectors))
         return number
 
-    def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
-        """Nearest places with the shift in sectors."""
+    def query(
+        self,
+        description: Encoding,
+        k: int = 1,
+        limit: int | None = None,
+        sectors: Sequence[int] | None = None,
+    ) -> list[PlaceMatch]:
+        """Nearest places with the shift in sectors; ``sectors``: shifts to try in place of the encoder's."""
         rows = [store.rows(limit) for store in self._stores]
-        if not len(rows[0]):
+        tried = self._sectors if sectors is None else sectors
+        if not len(rows[0]) or not len(tried):
             return []
-        distances = self._distances(description, rows)
-        shifts = np.asarray(self._sectors, dtype=np.float64)[distances.argmin(0)]
+        distances = self._distances(description, rows, tried)
+        shifts = np.asarray(tried, dtype=np.float64)[distances.argmin(0)]
         return nearest_matches(distances.min(0), k, shifts)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""
         rows = [unit_grid(vectors).reshape(1, -1) for vectors in second.vectors]
-        return float(self._distances(first, rows).min())
+        return float(self._distances(first, rows, self._sectors).min())
 
     def _distances(
-        self, query: Encoding, rows: Sequence[npt.NDArray[np.float32]]
+        self, query: Encoding, rows: Sequence[npt.NDArray[np.float32]], sectors: Sequence[int]
     ) -> npt.NDArray[np.floating]:
-        total = np.zeros((len(self._sectors), len(rows[0])))
+        total = np.zeros((len(sectors), len(rows[0])))
         for grid, stored, weight, step in zip(query.vectors, rows, self._weights, self._step, strict=True):
             unit = unit_grid(grid)
-            moved = np.stack([self._shift(unit, sector // step).reshape(-1) for sector in self._sectors])
+            moved = np.stack([self._shift(unit, sector // step).reshape(-1) for sector in sectors])
             total += weight * (1.0 - moved @ stored.T)
         return total
 

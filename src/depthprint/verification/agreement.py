@@ -58,7 +58,8 @@ def view_agreement(
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError(f"view_agreement: expected points (n, 3), got {points.shape}")
     counts, likeness = _counts(points, view, pose[None], 1, 1.0)
-    return ViewAgreement(*(int(c) for c in counts[0]), likeness=float(likeness[0]))
+    confirmed, hidden, free, unseen = (int(count) for count in counts[0])
+    return ViewAgreement(confirmed, hidden, free, unseen, float(likeness[0]))
 
 
 def coarse_overlaps(

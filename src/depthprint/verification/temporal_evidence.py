@@ -61,9 +61,10 @@ class TemporalEvidence:
     def places_in_view(
         self, view: DepthView, views: Sequence[DepthView], stored: int, count: int, spread: int
     ) -> dict[int, FloatArray]:
-        """Up to ``count`` places, ``spread`` apart, where motion since the last match says the frame overlaps most.
+        """Places where motion since the last match says the frame is, with the pose T_place_view that it says.
 
-        Before them the place that it says is nearest. Each with the pose T_place_view that motion says. Empty where nothing was matched lately or odometry broke.
+        First the nearest, then up to ``count`` that overlap most, ``spread`` apart. Empty where nothing was matched
+        lately or odometry broke.
         """
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest - _FOLLOWED), -1):
