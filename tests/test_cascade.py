@@ -145,7 +145,7 @@ def test_geometry_overrules_a_wrong_first_proposal():
     found = recognizer.query(recognizer.describe(row_at(1, 0.7)), k=3)
     assert found[0].place == 1
     assert found[0].verification.accepted
-    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement / 1.9)
+    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement / math.sqrt(1.9))
     assert found[0].distance < 1
     assert [(m.place, m.verification.accepted) for m in found[1:]] == [(0, False), (2, False)]
     assert found[1].distance == pytest.approx(1 + 0.1 / 1.1)
@@ -177,8 +177,9 @@ def test_climbing_names_the_neighbour_seen_from_nearest():
         assert best.verification.accepted
         named.append(best)
     assert named[0].place == 2
-    assert named[1].verification.agreement >= named[0].verification.agreement
-    if named[0].verification.agreement <= 0.6:
+    assert named[1].verification.nearness >= named[0].verification.nearness
+    assert named[1].distance <= named[0].distance
+    if named[0].verification.nearness <= 0.5:
         assert abs(named[1].place - 5) < 3
 
 
@@ -279,7 +280,7 @@ def test_verified_pairs_agree_with_the_verifier():
     recognizer = VerifiedRecognizer(Listed([0.0]))
     a, b = (recognizer.describe(row_at(1, x)) for x in (0.0, 0.5))
     found = GeometricVerifier().verify(a.view, b.view)
-    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement / 1.5)
+    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement / math.sqrt(1.5))
     other = recognizer.describe(row_at(2, 0.0))
     assert recognizer.distance(a, other) == pytest.approx(1 + 0.5 / 1.5)
 

@@ -14,8 +14,6 @@ __all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
 
 # With this much nearness nothing better is looked for.
 _CERTAIN = 0.5
-# Agreement that wrong places of the same shape often reach.
-_REACHED_ELSEWHERE = 0.4
 # Accepted places that are at most so many frames apart are one place, seen from nearer and further.
 _ONE_PLACE = 10
 
@@ -101,9 +99,8 @@ class CheckedPlaces:
 
 def evidence_of(found: Verification, inner: float) -> float:
     """What one view says for a place, in [0, 1): agreement over what other places reach, and the inner distance."""
-    return (
-        max(0.0, found.agreement - _REACHED_ELSEWHERE) / (1.0 - _REACHED_ELSEWHERE) / math.sqrt(1.0 + inner)
-    )
+    reached = found.reached_elsewhere
+    return max(0.0, found.agreement - reached) / (1.0 - reached) / math.sqrt(1.0 + inner)
 
 
 def distance_of(inner: float, found: Verification) -> float:

@@ -65,7 +65,7 @@ def count_agreement(
         for c in range(4):
             counts[m, c] = 0
         for k in range(len(points)):
-            px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+            px, py, pz = float(points[k, 0]), float(points[k, 1]), float(points[k, 2])
             x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
             y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
             z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]

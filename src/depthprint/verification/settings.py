@@ -21,6 +21,7 @@ _SHARES = (
     "max_free_space_share_seconded",
     "min_agreement",
     "min_agreement_seconded",
+    "reached_elsewhere",
 )
 
 
@@ -41,7 +42,8 @@ class VerificationSettings:
         min_overlap_seconded: where earlier frames were found at the same place.
     max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways;
         max_free_space_share_seconded: where earlier frames were found at the same place.
-    min_agreement, min_agreement_seconded: least ``Verification.agreement``.
+    min_agreement, min_agreement_seconded: least ``Verification.agreement``. reached_elsewhere: agreement that wrong
+        places of one shape often reach, under 1; what is over it is evidence.
     min_overlap_motion: least overlap of a view and the next one for odometry, which starts beside the truth, to
         believe their alignment; above 1 only what passes as a match is believed.
     witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
@@ -70,6 +72,7 @@ class VerificationSettings:
     max_free_space_share_seconded: float = 0.2
     min_agreement: float = 0.0
     min_agreement_seconded: float = 0.0
+    reached_elsewhere: float = 0.0
     min_overlap_motion: float = 2.0
     witness_m: float = 3.5
     agreeing_m: float = 0.6
@@ -87,6 +90,8 @@ class VerificationSettings:
                 raise SettingsError(
                     f"VerificationSettings: expected {name} in [0, 1], got {getattr(self, name)}"
                 )
+        if self.reached_elsewhere == 1:
+            raise SettingsError("VerificationSettings: expected reached_elsewhere < 1, got 1")
         for name in ("forward_m", "sideways_m", "yaw_rad", "pitch_rad"):
             if not getattr(self, name):
                 raise SettingsError(f"VerificationSettings: expected at least one offset in {name}, got none")
@@ -103,6 +108,7 @@ _CAMERA = VerificationSettings(
     max_free_space_share_seconded=0.6,
     min_agreement=0.5,
     min_agreement_seconded=0.25,
+    reached_elsewhere=0.4,
     min_overlap_motion=0.2,
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
@@ -120,6 +126,7 @@ _SPINNING = replace(
     max_free_space_share_seconded=0.2,
     min_agreement=0.0,
     min_agreement_seconded=0.0,
+    reached_elsewhere=0.0,
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
 )

@@ -45,7 +45,8 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
-    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness``.
+    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness``; wrong places of one shape often reach
+        ``reached_elsewhere``.
     accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
 
@@ -59,6 +60,7 @@ class Verification:
     reason: str
     start: str
     agreement: float = 0.0
+    reached_elsewhere: float = 0.0
     max_offset_m: float = math.inf
 
     @property
@@ -186,6 +188,7 @@ class GeometricVerifier:
             reason="",
             start=start,
             agreement=agreement,
+            reached_elsewhere=match.settings.reached_elsewhere,
             max_offset_m=match.settings.max_offset_m,
         )
         return judged(found, match.settings, seconded=seconded)
