@@ -26,7 +26,7 @@ from depthprint.verification.view_cache import ViewCache
 from depthprint.verified_recognizer import VerifiedRecognizer
 from synthetic import boxes
 from test_encoder import DEFAULT, small
-from test_verification import ROW, SPINNING, block_world, pose_at
+from test_verification import ROW, SPINNING, STEREO, block_world, pose_at
 
 PLACES = 9
 
@@ -118,6 +118,46 @@ def test_relaxed_bounds_thin_proposals_out(encoder):
     places = [m.place for m in spread.query(encoder.describe(DEFAULT[2]), k=12)]
     assert places[0] == 2
     assert all(abs(a - b) >= 4 for i, a in enumerate(places) for b in places[:i])
+
+
+def ahead(seed: int, yaw: float) -> RangeImage:
+    ranges = block_world(seed).cast(STEREO, pose_at(STEREO, 0.0, 0.0, yaw, 1.6))
+    return RangeImage(ranges, STEREO, sensor_height_m=1.6)
+
+
+@pytest.mark.parametrize("degrees", [20.0, -24.0])
+def test_a_place_entered_from_a_bend_is_among_the_turned(encoder, degrees):
+    fused = FusedRecognizer(encoder, CascadeSettings(spread=1))
+    for seed in (3, 4, 5, 6):
+        fused.add(fused.describe(ahead(seed, 0.0)))
+    best = fused.turned(fused.describe(ahead(4, math.radians(degrees))), 1)[0]
+    assert best.place == 1
+    turn = -best.shift * math.degrees(STEREO.horizontal_fov_rad)
+    assert turn == pytest.approx(degrees, abs=6.0)
+    assert fused.turned(fused.describe(ahead(4, 0.3)), 1, limit=0) == []
+
+
+def test_no_place_is_turned_on_a_full_circle():
+    lidar = Encoder(small("lidar")).fit(
+        [
+            RangeImage(
+                block_world(7).cast(SPINNING, pose_at(SPINNING, 0.0, 0.0, 0.5 * i, 1.6)),
+                SPINNING,
+                sensor_height_m=1.6,
+            )
+            for i in range(6)
+        ]
+    )
+    fused = FusedRecognizer(lidar)
+    description = fused.describe(
+        RangeImage(
+            block_world(7).cast(SPINNING, pose_at(SPINNING, 0.0, 0.0, 0.0, 1.6)),
+            SPINNING,
+            sensor_height_m=1.6,
+        )
+    )
+    fused.add(description)
+    assert fused.turned(description, 3) == []
 
 
 def test_some_distances_of_an_index_are_those_of_all(encoder):
@@ -299,6 +339,7 @@ def test_spread_proposals_keep_their_order():
         {"ranked": 0},
         {"verified": 0},
         {"spread": 0},
+        {"turned": -1},
         {"vector_weight": 1.5},
         {"vectors": False, "exact": False},
     ],

@@ -188,7 +188,7 @@ class VerifiedRecognizer:
         support = 0.0
         if plausible.accepted:
             support = self._evidence.support(view, place, found.T_match_query)
-        found = plausible if support else judged(found, stored.settings, seconded=False)
+        found = judged(found, stored.settings, seconded=support > stored.settings.min_support)
         checks.add(place, found, support, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:

@@ -22,6 +22,7 @@ _SHARES = (
     "min_agreement",
     "min_agreement_seconded",
     "reached_elsewhere",
+    "min_support",
 )
 
 
@@ -43,7 +44,8 @@ class VerificationSettings:
     max_free_space_share: most that may lie in space seen free, of what is confirmed or so, both ways;
         max_free_space_share_seconded: where earlier frames were found at the same place.
     min_agreement, min_agreement_seconded: least ``Verification.agreement``. reached_elsewhere: agreement that wrong
-        places of one shape often reach, under 1; what is over it is evidence.
+        places of one shape often reach, under 1; what is over it is evidence. min_support: evidence of earlier frames
+        over which a place counts as seconded by them.
     min_overlap_motion: least overlap of a view and the next one for odometry, which starts beside the truth, to
         believe their alignment; above 1 only what passes as a match is believed.
     witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
@@ -73,6 +75,7 @@ class VerificationSettings:
     min_agreement: float = 0.0
     min_agreement_seconded: float = 0.0
     reached_elsewhere: float = 0.0
+    min_support: float = 0.0
     min_overlap_motion: float = 2.0
     witness_m: float = 3.5
     agreeing_m: float = 0.6
@@ -106,9 +109,10 @@ _CAMERA = VerificationSettings(
     min_overlap_seconded=0.25,
     max_free_space_share=0.6,
     max_free_space_share_seconded=0.6,
-    min_agreement=0.5,
+    min_agreement=0.55,
     min_agreement_seconded=0.25,
     reached_elsewhere=0.4,
+    min_support=0.2,
     min_overlap_motion=0.2,
     forward_m=(0.0, -1.5, 1.5, -3.0, 3.0, -4.5, 4.5),
     sideways_m=(0.0, -1.5, 1.5),
@@ -127,6 +131,7 @@ _SPINNING = replace(
     min_agreement=0.0,
     min_agreement_seconded=0.0,
     reached_elsewhere=0.0,
+    min_support=0.0,
     sideways_m=(0.0, -1.5, 1.5, -3.0, 3.0),
     yaw_rad=_degrees(0, -4, 4),
 )
