@@ -26,7 +26,7 @@ from depthprint.verification.view_cache import ViewCache
 from depthprint.verified_recognizer import VerifiedRecognizer
 from synthetic import boxes
 from test_encoder import DEFAULT, small
-from test_verification import ROW, SPINNING, block_world, pose_at
+from test_verification import ROW, SPINNING, STEREO, block_world, pose_at
 
 PLACES = 9
 
@@ -120,6 +120,46 @@ def test_relaxed_bounds_thin_proposals_out(encoder):
     assert all(abs(a - b) >= 4 for i, a in enumerate(places) for b in places[:i])
 
 
+def ahead(seed: int, yaw: float) -> RangeImage:
+    ranges = block_world(seed).cast(STEREO, pose_at(STEREO, 0.0, 0.0, yaw, 1.6))
+    return RangeImage(ranges, STEREO, sensor_height_m=1.6)
+
+
+@pytest.mark.parametrize("degrees", [20.0, -24.0])
+def test_a_place_entered_from_a_bend_is_among_the_turned(encoder, degrees):
+    fused = FusedRecognizer(encoder, CascadeSettings(spread=1))
+    for seed in (3, 4, 5, 6):
+        fused.add(fused.describe(ahead(seed, 0.0)))
+    best = fused.turned(fused.describe(ahead(4, math.radians(degrees))), 1)[0]
+    assert best.place == 1
+    turn = -best.shift * math.degrees(STEREO.horizontal_fov_rad)
+    assert turn == pytest.approx(degrees, abs=6.0)
+    assert fused.turned(fused.describe(ahead(4, 0.3)), 1, limit=0) == []
+
+
+def test_no_place_is_turned_on_a_full_circle():
+    lidar = Encoder(small("lidar")).fit(
+        [
+            RangeImage(
+                block_world(7).cast(SPINNING, pose_at(SPINNING, 0.0, 0.0, 0.5 * i, 1.6)),
+                SPINNING,
+                sensor_height_m=1.6,
+            )
+            for i in range(6)
+        ]
+    )
+    fused = FusedRecognizer(lidar)
+    description = fused.describe(
+        RangeImage(
+            block_world(7).cast(SPINNING, pose_at(SPINNING, 0.0, 0.0, 0.0, 1.6)),
+            SPINNING,
+            sensor_height_m=1.6,
+        )
+    )
+    fused.add(description)
+    assert fused.turned(description, 3) == []
+
+
 def test_some_distances_of_an_index_are_those_of_all(encoder):
     index = encoder.make_index()
     for image in DEFAULT:
@@ -145,7 +185,7 @@ def test_geometry_overrules_a_wrong_first_proposal():
     found = recognizer.query(recognizer.describe(row_at(1, 0.7)), k=3)
     assert found[0].place == 1
     assert found[0].verification.accepted
-    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement / 1.9)
+    assert found[0].distance == pytest.approx(1 - found[0].verification.agreement / math.sqrt(1.9))
     assert found[0].distance < 1
     assert [(m.place, m.verification.accepted) for m in found[1:]] == [(0, False), (2, False)]
     assert found[1].distance == pytest.approx(1 + 0.1 / 1.1)
@@ -177,8 +217,9 @@ def test_climbing_names_the_neighbour_seen_from_nearest():
         assert best.verification.accepted
         named.append(best)
     assert named[0].place == 2
-    assert named[1].verification.agreement >= named[0].verification.agreement
-    if named[0].verification.agreement <= 0.6:
+    assert named[1].verification.nearness >= named[0].verification.nearness
+    assert named[1].distance <= named[0].distance
+    if named[0].verification.nearness <= 0.5:
         assert abs(named[1].place - 5) < 3
 
 
@@ -279,7 +320,7 @@ def test_verified_pairs_agree_with_the_verifier():
     recognizer = VerifiedRecognizer(Listed([0.0]))
     a, b = (recognizer.describe(row_at(1, x)) for x in (0.0, 0.5))
     found = GeometricVerifier().verify(a.view, b.view)
-    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement / 1.5)
+    assert recognizer.distance(a, b) == pytest.approx(1 - found.agreement / math.sqrt(1.5))
     other = recognizer.describe(row_at(2, 0.0))
     assert recognizer.distance(a, other) == pytest.approx(1 + 0.5 / 1.5)
 
@@ -298,6 +339,7 @@ def test_spread_proposals_keep_their_order():
         {"ranked": 0},
         {"verified": 0},
         {"spread": 0},
+        {"turned": -1},
         {"vector_weight": 1.5},
         {"vectors": False, "exact": False},
     ],

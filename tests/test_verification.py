@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from depthprint.verification import (
     settings_for,
     view_agreement,
 )
+from depthprint.verification.verifier import judged
 
 STEREO = Pinhole(fx=90.0, fy=90.0, cx=77.0, cy=46.0, width=155, height=94)
 HAND_HELD = Pinhole(fx=143.95, fy=143.95, cx=79.5, cy=59.5, width=160, height=120)
@@ -81,7 +83,8 @@ def test_pose_of_a_return_is_recovered(sensor):
     assert metres < 0.15
     assert degrees < 0.6
     assert found.inliers > 50
-    assert 0.5 < found.agreement <= found.overlap <= 1.0
+    assert 0.5 < found.overlap <= 1.0
+    assert 0.5 < found.agreement <= 1.0
     assert found.rmse_m < 1.0
     assert found.offset_m == pytest.approx(math.hypot(1.3, 0.6), abs=0.15)
     assert not found.T_match_query.flags.writeable
@@ -155,10 +158,12 @@ def test_new_obstacle_in_seen_free_space_counts_as_violation():
 
 
 def slow_agreement(points, view, pose):
-    """The rule of count_agreement, point by point in Python."""
+    """The rule of count_agreement, point by point in Python: the counts, and the likeness."""
     height, width = view.ranges_m.shape
     counts = [0, 0, 0, 0]
-    t = view.settings.tolerance
+    likeness = 0.0
+    t, n = view.settings.tolerance, view.settings.noise
+    weights = np.linalg.norm(points.astype(np.float64), axis=1)
     moved = points.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
     u, v, r = view.projection.project(moved)
     wraps = isinstance(view.projection, Spherical) and view.projection.wraps
@@ -178,13 +183,16 @@ def slow_agreement(points, view, pose):
                 if 0 <= a < width and view.ranges_m[b, a] > 0:
                     near.append(float(view.ranges_m[b, a]))
         allowed = t[0] + t[1] * r[i] + t[2] * r[i] ** 2
+        if near:
+            e = min((x - r[i] for x in near), key=abs) / (n[0] + n[1] * r[i] + n[2] * r[i] ** 2)
+            likeness += weights[i] * (1 - e * e / 4 if abs(e) < 2 else -1 if e > 3 else 0)
         if not near:
             counts[3] += 1
         elif any(abs(x - r[i]) <= allowed for x in near):
             counts[0] += 1
         else:
             counts[1 if min(near) < r[i] else 2] += 1
-    return counts
+    return counts, likeness / weights.sum()
 
 
 @settings(deadline=None, max_examples=30)
@@ -205,9 +213,9 @@ def test_agreement_equals_the_slow_reference(seed, kind):
     pose = pose_at(projection, *rng.uniform(-1, 1, 3), 0.0)
     pose[:3, :3] = pose[:3, :3] @ projection.R_flu_sensor.T
     counted = view_agreement(points, view, pose)
-    assert [counted.confirmed, counted.hidden, counted.free, counted.unseen] == slow_agreement(
-        points, view, pose
-    )
+    counts, likeness = slow_agreement(points, view, pose)
+    assert [counted.confirmed, counted.hidden, counted.free, counted.unseen] == counts
+    assert counted.likeness == pytest.approx(likeness, abs=1e-6)
 
 
 def test_scan_alignment_survives_a_corridor():
@@ -247,6 +255,51 @@ def test_seconded_match_needs_less_overlap():
     verifier = GeometricVerifier()
     assert not verifier.verify(query, match).accepted
     assert verifier.verify(query, match, seconded=True).accepted
+
+
+def test_far_points_and_close_agreement_make_likeness():
+    wall = box((12.0, 0.0, 3.0), (1.0, 60.0, 6.0))
+    here = pose_at(STEREO, 0.0, 0.0, 0.0, 1.6)
+    view = seen(RayScene(merge([wall])), STEREO, here, 1.6, 0.0)
+    assert view_agreement(view.counted, view, np.eye(4)).likeness == pytest.approx(1.0)
+    beside = np.eye(4)
+    likeness = []
+    for offset in (0.2, 0.4):
+        beside[2, 3] = offset
+        shifted = view_agreement(view.counted, view, beside)
+        assert shifted.overlap > 0.9
+        likeness.append(shifted.likeness)
+    assert 1.0 > likeness[0] > likeness[1] > 0.0
+    beside[2, 3] = -4.0
+    assert view_agreement(view.counted, view, beside).likeness < -0.4
+
+
+def test_street_view_that_agrees_too_little_within_noise_is_refused_unless_seconded():
+    scene = block_world(3)
+    match, query = (
+        seen(scene, STEREO, pose_at(STEREO, *at, 1.6), 1.6) for at in ((0, 0, 0.3), (0.5, 0.0, 0.3))
+    )
+    found = GeometricVerifier().verify(query, match)
+    assert found.accepted
+    strict = replace(
+        match.settings, min_agreement=min(1.0, found.agreement + 0.05), min_agreement_seconded=0.1
+    )
+    lone = judged(found, strict, seconded=False)
+    assert not lone.accepted
+    assert "within their noise" in lone.reason
+    seconded = judged(lone, strict, seconded=True)
+    assert seconded.accepted
+    np.testing.assert_array_equal(seconded.T_match_query, found.T_match_query)
+
+
+def test_refining_a_given_pose_searches_no_other():
+    scene = block_world(3)
+    first, later = (pose_at(STEREO, *at, 1.6) for at in ((0, 0, 0.3), (1.0, 0.3, 0.35)))
+    match, query = (seen(scene, STEREO, T, 1.6) for T in (first, later))
+    near = GeometricVerifier().refine(query, match, np.linalg.inv(first) @ later)
+    assert near.accepted
+    assert near.start == "given pose"
+    assert not GeometricVerifier().refine(query, match, pose_at(STEREO, 30.0, 0.0, 1.5, 0.0)).accepted
 
 
 def test_missing_small_gicp_names_the_pip_line(monkeypatch):
@@ -331,6 +384,10 @@ def test_settings_follow_the_sensor():
         {"yaw_rad": ()},
         {"max_offset_m": -1.0},
         {"max_free_space_share": -0.1},
+        {"min_agreement": 1.1},
+        {"reached_elsewhere": 1.0},
+        {"witness_m": 0.0},
+        {"agreeing_rad": 0.0},
     ],
 )
 def test_settings_out_of_range_raise(bad):

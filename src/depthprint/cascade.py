@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from depthprint.cascade_settings import CascadeSettings
 from depthprint.encoder import Encoder
 from depthprint.fused_recognizer import FusedRecognizer
@@ -29,8 +31,11 @@ def make_cascade(
     """
     settings = CascadeSettings() if settings is None else settings
     inner: PlaceRecognizer
+    further = None
     if settings.vectors:
-        inner = FusedRecognizer(encoder, settings)
+        fused = inner = FusedRecognizer(encoder, settings)
+        if settings.turned:
+            further = partial(fused.turned, k=settings.turned)
     else:
         from depthprint.complexity_recognizer import ComplexityRecognizer
 
@@ -47,7 +52,8 @@ def make_cascade(
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
-        track=settings.track and not shifts,
+        track=settings.track,
+        further=further,
         verifier=verifier,
         views=views,
     )

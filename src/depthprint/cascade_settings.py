@@ -17,9 +17,12 @@ class CascadeSettings:
     relaxed: relaxed bounds of the EMD choose the ``ranked`` most promising of them; off: the cosine does.
     exact: the exact NCD ranks them, with ``vector_weight`` of the cosine in the sum; off: the cosine alone does.
     verify: the best ``verified`` places, at least ``spread`` frames apart, are checked by geometry.
+    turned: so many places of a forward view, seen under a heading that the distances do not reach, are checked where
+        no other was accepted.
     climb: a checked place is exchanged for a neighbour of greater overlap.
     consistency: places next to the previous frames' matches are checked too, and need less overlap.
-    track: hand-held views only: places that the motion since the last match says are in view are checked first.
+    track: the motion between frames is followed by depth: places that it says are in view are checked first, and
+        matches that earlier frames lead to expect need less agreement and count for more.
     Raises SettingsError for values out of range, or without any distance.
     """
 
@@ -34,12 +37,15 @@ class CascadeSettings:
     ranked: int = 8
     vector_weight: float = 0.5
     verified: int = 4
+    turned: int = 2
     spread: int = 4
 
     def __post_init__(self) -> None:
         for name in ("proposed", "ranked", "verified", "spread"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"CascadeSettings: expected {name} >= 1, got {getattr(self, name)}")
+        if self.turned < 0:
+            raise SettingsError(f"CascadeSettings: expected turned >= 0, got {self.turned}")
         if not 0 <= self.vector_weight <= 1:
             raise SettingsError(
                 f"CascadeSettings: expected vector_weight in [0, 1], got {self.vector_weight}"

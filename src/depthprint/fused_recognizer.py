@@ -70,6 +70,25 @@ class FusedRecognizer(EncodedPlaces):
         ]
         return sorted(fused, key=lambda match: (match.distance, match.place))[:k]
 
+    def turned(self, description: Encoding, k: int, limit: int | None = None) -> list[PlaceMatch]:
+        """Best places by the vectors alone at shifts over those of the encoder, up to half a bird's-eye view.
+
+        They find places entered from a bend. ``shift`` is a share of the view's width here. None where the view is no
+        bird's-eye one or a full circle.
+        """
+        reach = self.encoder.settings.max_shift
+        polar = self.encoder.settings.polar
+        if polar.full_circle or not any(s.view == "polar" for s in self.encoder.settings.streams):
+            return []
+        further = range(reach + 1, polar.sectors // 2 + 1, 2)
+        sectors = [sign * sector for sector in further for sign in (-1, 1)]
+        spread = self.settings.spread
+        proposed = self._vectors.query(description, k * 2 * spread, limit, sectors)
+        return [
+            replace(match, shift=(match.shift or 0.0) / polar.sectors)
+            for match in spread_in_time(proposed, k, spread)
+        ]
+
     def _thinned(self, description: Encoding, proposed: list[PlaceMatch], count: int) -> list[PlaceMatch]:
         """The most promising proposals, by their relaxed bounds; spread out where geometry comes after."""
         settings = self.settings

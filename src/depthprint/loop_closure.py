@@ -43,7 +43,8 @@ class LoopClosureDetector:
     far_m: with poses (of odometry, say), places further away than this serve the calibration whatever their age,
         and nearer ones do not; without, age alone decides.
     probabilities: estimate how probable the match is, and that the place is new (``loop_probability``): frames next
-        to each other in time stand for one place, far ones for different places. Costs as a threshold of None.
+        to each other in time stand for one place, far ones for different places. Costs as a threshold of None. Pairs
+        know nothing of earlier frames: where these support a match, its distance, and so its odds, have that too.
     ambiguity: a match is AMBIGUOUS when another proposal, more than ``neighbourhood`` places away, has a distance
         under (1 + ambiguity) times its own. None: not looked at.
     consistent_frames: a match is INCONSISTENT_IN_TIME unless one of so many processed frames before had its best

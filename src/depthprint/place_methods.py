@@ -222,4 +222,4 @@ def make_place_recognizer(
 
     polar = context.polar()[0]
     columns = polar.sectors if polar.full_circle else None
-    return VerifiedRecognizer(recognizer, columns_full_circle=columns, views=views)
+    return VerifiedRecognizer(recognizer, columns_full_circle=columns, track=True, views=views)

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.checked_places import CheckedPlaces, distance_of
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
-from depthprint.verification.agreement import coarse_overlaps
-from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.verifier import GeometricVerifier, Verification
+from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.verifier import GeometricVerifier, judged
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
 __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
-_FRAMES_TRACKED, _PLACES_TRACKED = 10, 3
-# With this much nearness nothing better is looked for.
-_CERTAIN = 0.6
+_PLACES_TRACKED = 3
+_MOST_TURN_RAD = math.radians(45)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,26 +37,23 @@ class VerifiedDescription:
     view: DepthView
 
 
-@dataclass(frozen=True)
-class _Link:
-    """A stored place whose query was accepted at ``place``."""
-
-    place: int
-    T_match_query: npt.NDArray[np.float64]
-
-
 class VerifiedRecognizer:
-    """PlaceRecognizer around another: proposals that pass the geometric check come first, by their agreement.
+    """PlaceRecognizer around another: proposals that pass the geometric check come first, by their evidence.
 
-    The distance of an accepted place is 1 - agreement / (1 + d), below 1; that of any other is 1 + d / (1 + d). d is
-    the inner method's distance; for a place that it did not propose, that of its nearest proposal within ``spread``
-    frames, or else of its worst one. Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
+    The distance of an accepted place is 1 - E, below 1, where E joins what this view says (the agreement, over what
+    other places often reach, by the inner distance d) with what earlier frames say; that of any other place is
+    1 + d / (1 + d), less for a plausible one. d of a place that the inner method did not propose is that of its nearest
+    proposal within ``spread`` frames, or else of its worst one.
+    Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
     pool: how many proposals the inner method is asked for; k * spread when None.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
-    climb: an accepted place gives way to a neighbour in time of greater agreement.
-    consistency: places next to those of the last ``consistency`` frames that were queried and then added are checked
-    first, from their pose, and need less overlap. 0 turns it off.
-    track: follow the motion from frame to frame by depth alone, and check first the places that it says are in view.
+    climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named.
+    track: follow the motion from frame to frame by depth alone. Places that it says are in view are checked first; a
+    place where it leads from those of earlier frames needs less agreement, and has their evidence too.
+    consistency: without ``track``, places next to those of the last ``consistency`` frames that were queried and then
+    added are checked first, from their pose, and need less overlap. 0 turns it off.
+    further: gives more proposals of an inner description, their shift a share of the view's width, below a limit;
+    checked where none was accepted.
     Raises SettingsError for numbers out of range; MissingExtraError (on query) as GeometricVerifier.
     """
 
@@ -72,6 +68,7 @@ class VerifiedRecognizer:
         climb: bool = True,
         consistency: int = 0,
         track: bool = False,
+        further: Callable[..., list[PlaceMatch]] | None = None,
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
     ) -> None:
@@ -87,16 +84,16 @@ class VerifiedRecognizer:
         self._verifier = GeometricVerifier() if verifier is None else verifier
         self._make_view = make_depth_view if views is None else views
         self._views: list[DepthView] = []
-        self._links: dict[int, _Link] = {}
-        self._last: tuple[VerifiedDescription, _Link] | None = None
-        self._track = track
-        self._odometry = DepthOdometry(self._verifier) if track else None
+        self._links: dict[int, Hypothesis] = {}
+        self._last: tuple[VerifiedDescription, tuple[Hypothesis, ...]] | None = None
+        self._track, self._further = track, further
+        self._evidence = TemporalEvidence(self._verifier) if track else None
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
         """Let the inner method learn, and forget all places."""
         self.inner.fit(images)
         self._views, self._links, self._last = [], {}, None
-        self._odometry = DepthOdometry(self._verifier) if self._track else None
+        self._evidence = TemporalEvidence(self._verifier) if self._track else None
         return self
 
     def describe(self, image: RangeImage) -> VerifiedDescription:
@@ -107,49 +104,53 @@ class VerifiedRecognizer:
         """Store a place; where the last query was of this description, its match becomes known to the next."""
         number = self.inner.add(description.inner)
         self._views.append(description.view)
-        if self._odometry is not None:
-            self._odometry.add(description.view)
+        hypotheses: tuple[Hypothesis, ...] = ()
         if self._last is not None and self._last[0] is description:
-            self._links[number] = self._last[1]
+            hypotheses = self._last[1]
+            if hypotheses[0].accepted:
+                self._links[number] = hypotheses[0]
+        if self._evidence is not None:
+            self._evidence.add(description.view, hypotheses)
         self._last = None
         return number
 
     def query(
         self, description: VerifiedDescription, k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
-        """Best places: accepted ones by agreement, then the others by the inner distance."""
+        """Best places: accepted ones by their evidence, then the others by the inner distance."""
         pool = self.inner.query(description.inner, max(k, self._pool), limit)
         self._last = None
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checked: dict[int, Verification] = {}
-        seconded = self._tracked(description.view, stored) or self._seconded(stored)
-        for place, pose in seconded.items():
-            if any(v.accepted and v.nearness > _CERTAIN for v in checked.values()):
+        checks = CheckedPlaces(pool, self._spread)
+        for place, pose in self._expected(description.view, stored).items():
+            if checks.certain:
                 break
-            checked[place] = self._check(description, place, 0.0, (pose,), True)
+            self._check(checks, description, place, 0.0, (pose,), True)
         for match in spread_in_time(pool, self._k, self._spread):
-            best = _best(checked)
-            if best is not None and checked[best].nearness > _CERTAIN:
+            if checks.certain:
                 break
-            if match.place not in checked:
-                yaw = self._yaw(match, description.view)
-                checked[match.place] = self._check(description, match.place, yaw, (), False)
-        best = _best(checked)
-        if best is not None and self._climb:
-            self._climb_from(description, best, checked, stored)
-            best = _best(checked)
-        if best is not None:
-            self._last = description, _Link(best, checked[best].T_match_query)
-        return self._ranked(description, pool, checked)[:k]
+            if match.place not in checks.found:
+                self._check(checks, description, match.place, self._yaw(match, description.view), (), False)
+        if checks.best is None and self._further is not None:
+            for match in self._further(description.inner, limit=limit):
+                yaw = -(match.shift or 0.0) * description.view.projection.horizontal_fov_rad
+                if match.place not in checks.found and abs(yaw) <= _MOST_TURN_RAD:
+                    self._check(checks, description, match.place, yaw, (), False)
+        if self._climb and checks.best is not None:
+            self._climb_from(checks, description, stored)
+        hypotheses = checks.hypotheses()
+        if hypotheses:
+            self._last = description, hypotheses
+        return checks.ranked()[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
         """1 - agreement / (1 + d) where the pair passes the check, else 1 + d / (1 + d), of the inner distance d."""
         inner = self.inner.distance(first.inner, second.inner)
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)
-        return _distance(inner, found)
+        return distance_of(inner, found)
 
     @property
     def fingerprint(self) -> str:
@@ -171,15 +172,24 @@ class VerifiedRecognizer:
 
     def _check(
         self,
+        checks: CheckedPlaces,
         description: VerifiedDescription,
         place: int,
         yaw_rad: float | None,
         starts: Sequence[npt.NDArray[np.float64]],
         seconded: bool,
-    ) -> Verification:
-        return self._verifier.verify(
-            description.view, self._views[place], yaw_rad=yaw_rad, starts=starts, seconded=seconded
-        )
+    ) -> None:
+        view, stored = description.view, self._views[place]
+        found = self._verifier.verify(view, stored, yaw_rad=yaw_rad, starts=starts, seconded=seconded)
+        if self._evidence is None:
+            checks.add(place, found, 0.0, found.accepted)
+            return
+        plausible = judged(found, stored.settings, seconded=True)
+        support = 0.0
+        if plausible.accepted:
+            support = self._evidence.support(view, place, found.T_match_query)
+        found = judged(found, stored.settings, seconded=support > stored.settings.min_support)
+        checks.add(place, found, support, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""
@@ -189,8 +199,10 @@ class VerifiedRecognizer:
             return None
         return turn_of_shift(match.shift, self._columns)
 
-    def _seconded(self, stored: int) -> dict[int, npt.NDArray[np.float64]]:
-        """Places next to the matches of the last frames, with the pose found there."""
+    def _expected(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
+        """Places to check before any proposal, with poses to start from."""
+        if self._evidence is not None:
+            return self._evidence.places_in_view(view, self._views, stored, _PLACES_TRACKED, self._spread)
         places: dict[int, npt.NDArray[np.float64]] = {}
         latest = len(self._views) - 1
         for number in range(latest, max(-1, latest - self._consistency), -1):
@@ -202,70 +214,20 @@ class VerifiedRecognizer:
                 break
         return places
 
-    def _tracked(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
-        """Places that odometry since the last match says are in view, with the poses it says, most overlap first."""
-        latest = len(self._views) - 1
-        recent = range(latest, max(-1, latest - _FRAMES_TRACKED), -1)
-        number = next((number for number in recent if number in self._links), None)
-        if self._odometry is None or number is None:
-            return {}
-        T_linked_query = self._odometry.pose_of_next(number, view)
-        if T_linked_query is None:
-            return {}
-        link = self._links[number]
-        places, T_place_match = self._odometry.relative_poses(link.place, stored)
-        poses = T_place_match @ link.T_match_query @ T_linked_query
-        near = np.linalg.norm(poses[:, :3, 3], axis=1) < view.settings.max_offset_m
-        overlaps = {
-            int(place): float(coarse_overlaps(view, self._views[place], pose[None])[0])
-            for place, pose in zip(places[near], poses[near], strict=True)
-        }
-        by_overlap = sorted(overlaps, key=lambda place: (-overlaps[place], place))
-        chosen: list[int] = []
-        for place in by_overlap:
-            if len(chosen) < _PLACES_TRACKED and all(abs(place - other) >= self._spread for other in chosen):
-                chosen.append(place)
-        pose_of = dict(zip(places.tolist(), poses, strict=True))
-        return {place: pose_of[place] for place in chosen}
-
-    def _climb_from(
-        self, description: VerifiedDescription, best: int, checked: dict[int, Verification], stored: int
-    ) -> None:
+    def _climb_from(self, checks: CheckedPlaces, description: VerifiedDescription, stored: int) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
         for step in (4, 2, 1):
-            if checked[best].nearness > _CERTAIN:
+            best = checks.best
+            if best is None or checks.certain:
                 break
-            pose = checked[best].T_match_query
             for place in (best - step, best + step):
-                if 0 <= place < stored and place not in checked:
-                    checked[place] = self._check(description, place, 0.0, (pose,), False)
-            better = _best(checked)
-            best = best if better is None else better
+                if 0 <= place < stored and place not in checks.found:
+                    pose = self._moved(checks.found[best].T_match_query, best, place)
+                    self._check(checks, description, place, 0.0, (pose,), False)
 
-    def _ranked(
-        self, description: VerifiedDescription, pool: list[PlaceMatch], checked: dict[int, Verification]
-    ) -> list[PlaceMatch]:
-        by_place = {match.place: match for match in pool}
-        found = []
-        for place in sorted({*by_place, *(p for p, v in checked.items() if v.accepted)}):
-            match = by_place.get(place, PlaceMatch(place, self._inner_distance(place, pool)))
-            verification = checked.get(place)
-            distance = _distance(match.distance, verification)
-            found.append(replace(match, distance=distance, verification=verification))
-        return sorted(found, key=lambda m: (m.distance, m.place))
-
-    def _inner_distance(self, place: int, pool: list[PlaceMatch]) -> float:
-        """Distance for a place that was not proposed."""
-        beside = [match.distance for match in pool if abs(match.place - place) <= self._spread]
-        return min(beside) if beside else max(match.distance for match in pool)
-
-
-def _best(checked: dict[int, Verification]) -> int | None:
-    accepted = [place for place, v in checked.items() if v.accepted]
-    return max(accepted, key=lambda place: (checked[place].nearness, -place), default=None)
-
-
-def _distance(inner: float, verification: Verification | None) -> float:
-    if verification is not None and verification.accepted:
-        return 1.0 - verification.agreement / (1.0 + inner)
-    return 1.0 + inner / (1.0 + inner)
+    def _moved(
+        self, T_match_query: npt.NDArray[np.float64], match: int, place: int
+    ) -> npt.NDArray[np.float64]:
+        """The pose seen from another place, as far as the motion between the two is known."""
+        T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
+        return T_match_query if T_place_match is None else T_place_match @ T_match_query

@@ -45,26 +45,33 @@ def count_agreement(
     wraps: bool,
     ranges: Float32,
     tolerance: Float64,
+    noise: Float64,
     neighbours: int,
     counts: npt.NDArray[np.int64],
+    likeness: Float64,
 ) -> None:
-    """Fill counts (m, 4): points confirmed, hidden, in free space, and out of sight, for each pose.
+    """Fill counts (m, 4): points confirmed, hidden, in free space, and out of sight, for each pose; likeness (m,).
 
     points (n, 3), of which poses (m, 4, 4) T_target_points bring them to the frame of ``ranges`` (h, w), whose
     NaN say nothing. tolerance (3,): metres, share of the range, share of its square a metre. A point is confirmed
     when a pixel within ``neighbours`` of its own has its range, in free space when all of them see further.
+    likeness is a mean over the points, weighed by their range: 1 - (e / 2)^2 where the closest of these pixels is e < 2
+    standard deviations off, -1 where it sees more than 3 further, else 0. noise (3,): as tolerance, of one deviation.
     """
     height, width = ranges.shape
     for m in range(len(poses)):
         pose = poses[m]
+        total, weights = 0.0, 0.0
         for c in range(4):
             counts[m, c] = 0
         for k in range(len(points)):
-            px, py, pz = points[k, 0], points[k, 1], points[k, 2]
+            px, py, pz = float(points[k, 0]), float(points[k, 1]), float(points[k, 2])
             x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
             y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
             z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
             u, v, r = _pixel(kind, camera, x, y, z)
+            weight = math.sqrt(px * px + py * py + pz * pz)
+            weights += weight
             column, row = math.floor(u + 0.5), math.floor(v + 0.5)
             if wraps and column >= width:
                 column -= width
@@ -74,7 +81,7 @@ def count_agreement(
                 counts[m, 3] += 1
                 continue
             allowed = tolerance[0] + tolerance[1] * r + tolerance[2] * r * r
-            nearest, seen, confirmed = math.inf, False, False
+            nearest, seen, confirmed, closest = math.inf, False, False, math.inf
             for dv in range(-neighbours, neighbours + 1):
                 b = int(row) + dv
                 if b < 0 or b >= height:
@@ -90,8 +97,16 @@ def count_agreement(
                         continue
                     seen = True
                     nearest = min(nearest, there)
+                    if abs(there - r) < abs(closest):
+                        closest = there - r
                     if abs(there - r) <= allowed:
                         confirmed = True
+            if seen:
+                e = closest / (noise[0] + noise[1] * r + noise[2] * r * r)
+                if abs(e) < 2.0:
+                    total += weight * (1.0 - 0.25 * e * e)
+                elif e > 3.0:
+                    total -= weight
             if not seen:
                 counts[m, 3] += 1
             elif confirmed:
@@ -100,3 +115,4 @@ def count_agreement(
                 counts[m, 1] += 1
             else:
                 counts[m, 2] += 1
+        likeness[m] = total / weights if weights > 0 else 0.0

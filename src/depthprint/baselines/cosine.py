@@ -48,31 +48,40 @@ class CosineRecognizer:
         """Store a place."""
         return self._store.add(self._row(description))
 
-    def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
-        """Nearest places with the shift in sectors."""
+    def query(
+        self,
+        description: Encoding,
+        k: int = 1,
+        limit: int | None = None,
+        sectors: Sequence[int] | None = None,
+    ) -> list[PlaceMatch]:
+        """Nearest places with the shift in sectors; ``sectors``: shifts to try in place of the encoder's."""
         rows = self._store.rows(limit)
-        if not len(rows):
+        tried = self._sectors if sectors is None else sectors
+        if not len(rows) or not len(tried):
             return []
-        distances = self._distances(description, rows)
-        shifts = np.asarray(self._sectors, dtype=np.float64)[distances.argmin(1)]
+        distances = self._distances(description, rows, tried)
+        shifts = np.asarray(tried, dtype=np.float64)[distances.argmin(1)]
         return nearest_matches(distances.min(1), k, shifts)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""
-        return float(self._distances(first, self._row(second)[None]).min())
+        return float(self._distances(first, self._row(second)[None], self._sectors).min())
 
     def _row(self, description: Encoding) -> npt.NDArray[np.float32]:
         """All streams as one vector, in which a product with a moved query's is the weighted mean of the cosines."""
         return np.concatenate([unit_grid(vectors).reshape(-1) for vectors in description.vectors])
 
-    def _distances(self, query: Encoding, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def _distances(
+        self, query: Encoding, rows: npt.NDArray[np.float32], sectors: Sequence[int]
+    ) -> npt.NDArray[np.float32]:
         """Distances (n, shifts)."""
         from depthprint._kernels.blocks import one_blas_thread
 
         moved = []
         for grid, weight, step in zip(query.vectors, self._weights, self._step, strict=True):
             unit = np.float32(weight) * unit_grid(grid)
-            moved.append([self._shift(unit, sector // step).reshape(-1) for sector in self._sectors])
+            moved.append([self._shift(unit, sector // step).reshape(-1) for sector in sectors])
         columns = np.concatenate([np.array(stream) for stream in moved], axis=1)
         # BLAS takes whole lanes: seven columns cost more than eight.
         padded = np.zeros((-(-len(columns) // _LANES) * _LANES, columns.shape[1]), dtype=np.float32)

@@ -22,12 +22,16 @@ _COARSE_SLACK = 2.0
 class ViewAgreement:
     """Points of one view in another: ``confirmed`` by its ranges, ``hidden`` behind them, in space seen to be
     ``free``, and ``unseen`` (outside the image, or where it has no return).
+
+    likeness: mean over the points, weighed by range, of how well each is confirmed, in 0..1 by the sensor's noise; one
+    well inside free space counts -1.
     """
 
     confirmed: int
     hidden: int
     free: int
     unseen: int
+    likeness: float = 0.0
 
     @property
     def overlap(self) -> float:
@@ -55,8 +59,9 @@ def view_agreement(
         raise DataError(f"view_agreement: expected a finite pose (4, 4), got shape {pose.shape}")
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError(f"view_agreement: expected points (n, 3), got {points.shape}")
-    counts = _counts(points, view, pose[None], 1, 1.0)
-    return ViewAgreement(*(int(c) for c in counts[0]))
+    counts, likeness = _counts(points, view, pose[None], 1, 1.0)
+    confirmed, hidden, free, unseen = (int(count) for count in counts[0])
+    return ViewAgreement(confirmed, hidden, free, unseen, float(likeness[0]))
 
 
 def coarse_overlaps(
@@ -76,7 +81,7 @@ def _confirmed(
     query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], n_points: int
 ) -> npt.NDArray[np.float64]:
     points = thinned(query.counted, n_points)
-    counts = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
+    counts, _ = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
     return np.asarray(counts[:, 0] / max(1, len(points)))
 
 
@@ -91,11 +96,12 @@ def _counts(
     poses: npt.NDArray[np.float64],
     neighbours: int,
     slack: float,
-) -> npt.NDArray[np.int64]:
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     from depthprint._kernels.agreement import count_agreement
 
     kind, camera, wraps = view.camera()
     counts = np.zeros((len(poses), 4), dtype=np.int64)
+    likeness = np.zeros(len(poses))
     count_agreement(
         np.ascontiguousarray(points, dtype=np.float32),
         np.ascontiguousarray(poses, dtype=np.float64),
@@ -104,7 +110,9 @@ def _counts(
         wraps,
         view.ranges_m,
         slack * np.array(view.settings.tolerance),
+        np.array(view.settings.noise),
         neighbours,
         counts,
+        likeness,
     )
-    return counts
+    return counts, likeness

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.verification.depth_view import DepthView
-from depthprint.verification.verifier import GeometricVerifier
+from depthprint.verification.verifier import GeometricVerifier, Verification
 
 __all__ = ["DepthOdometry"]
 
@@ -27,6 +27,9 @@ class DepthOdometry:
         self._poses: list[FloatArray] = []
         self._inverses: list[FloatArray] = []
         self._chains: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self._poses)
 
     def add(self, view: DepthView) -> None:
         """Append a view; its number is the count of those before."""
@@ -57,11 +60,25 @@ class DepthOdometry:
         inverses = np.stack([self._inverses[number] for number in numbers])
         return numbers, np.asarray(inverses @ self._poses[second])
 
+    def relative_pose(self, first: int, second: int) -> FloatArray | None:
+        """T_first_second (4, 4) of two views, or None where the chain between them broke."""
+        if self._chains[first] != self._chains[second]:
+            return None
+        return np.asarray(np.linalg.inv(self._poses[first]) @ self._poses[second])
+
     def _step_to(self, view: DepthView) -> FloatArray | None:
         """T_last_view, or None where the two do not agree."""
         if self._last is None:
             return None
         if self._step is None or self._step[0] is not view:
-            found = self._verifier.verify(view, self._last, starts=(self._motion,))
-            self._step = view, found.T_match_query if found.accepted else None
+            found = self._verifier.refine(view, self._last, self._motion)
+            if not found.accepted:
+                found = self._verifier.verify(view, self._last, starts=(self._motion,))
+            self._step = view, found.T_match_query if _trusted(found, view) else None
         return self._step[1]
+
+
+def _trusted(found: Verification, view: DepthView) -> bool:
+    return found.accepted or (
+        found.overlap >= view.settings.min_overlap_motion and found.inliers >= view.settings.min_points
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ from depthprint.verification.starts import (
     yaw_pose,
 )
 
-__all__ = ["GeometricVerifier", "Verification"]
+__all__ = ["GeometricVerifier", "Verification", "judged"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,6 +39,7 @@ _HOPELESS = 0.5
 _NEAR = 0.8
 # Points that tell how near it came; all that are counted judge a match.
 _GLANCED_POINTS = 400
+_NO_START = "none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,8 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
+    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness``; wrong places of one shape often reach
+        ``reached_elsewhere``.
     accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
 
@@ -61,17 +64,14 @@ class Verification:
     accepted: bool
     reason: str
     start: str
+    agreement: float = 0.0
+    reached_elsewhere: float = 0.0
     max_offset_m: float = math.inf
 
     @property
     def nearness(self) -> float:
         """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
-        return self.agreement * (1.0 - 0.5 * min(1.0, self.offset_m / self.max_offset_m))
-
-    @property
-    def agreement(self) -> float:
-        """Overlap, less what free space takes from it: overlap * (1 - free_space_share), in [0, 1]."""
-        return self.overlap * (1.0 - self.free_space_share)
+        return self.agreement * (1.0 - min(1.0, self.offset_m / self.max_offset_m))
 
     @property
     def offset_m(self) -> float:
@@ -81,16 +81,12 @@ class Verification:
 
 @dataclass(frozen=True, eq=False)
 class _Glance:
-    """A pose by the quick alignment, with the overlap and the share in free space there."""
+    """A pose by the quick alignment, with the overlap and the agreement there."""
 
     pose: FloatArray
     overlap: float
-    free: float
+    agreement: float
     given: bool
-
-    @property
-    def agreement(self) -> float:
-        return self.overlap * (1.0 - self.free)
 
 
 class GeometricVerifier:
@@ -137,18 +133,15 @@ class GeometricVerifier:
         ``seconded``: a neighbouring frame was found at this place, so that less overlap is enough.
         Raises DataError for views of different kinds of sensors, MissingExtraError.
         """
-        if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
-            raise DataError(
-                "verify: expected two views of one kind of sensor, got "
-                f"{type(query.projection).__name__} and {type(match.projection).__name__}"
-            )
-        if match.settings.whole_clouds and not isinstance(match.projection, LaserRow):
+        _require_one_kind(query, match)
+        settings = match.settings
+        if settings.whole_clouds and not isinstance(match.projection, LaserRow):
             self._whole_clouds()  # what it lacks is said at once, not at the first pair that needs it
-        enough = match.settings.min_overlap_seconded if seconded else match.settings.min_overlap
+        enough = settings.min_overlap_seconded if seconded else settings.min_overlap
         given = [self._glance(query, match, np.asarray(start, dtype=np.float64), True) for start in starts]
         if given and max(glance.overlap for glance in given) >= enough:
             # A pose that is right already makes a search for one idle.
-            found = self._finished(query, match, max(given, key=lambda g: g.agreement), enough)
+            found = self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
             if found.accepted:
                 return found
         poses = self._grid(query, yaw_rad)
@@ -162,7 +155,13 @@ class GeometricVerifier:
             given.append(glance)
             if glance.overlap > _CERTAIN or glance.overlap < _HOPELESS * enough:
                 break
-        return self._finished(query, match, max(given, key=lambda g: g.agreement), enough)
+        return self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
+
+    def refine(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> Verification:
+        """Check two views from one given pose (4, 4), without a search. Raises as ``verify``."""
+        _require_one_kind(query, match)
+        start = np.asarray(T_match_query, dtype=np.float64)
+        return self._finished(query, match, self._glance(query, match, start, True), False)
 
     def _glance(self, query: DepthView, match: DepthView, start: FloatArray, given: bool) -> _Glance:
         """Where a start leads by the quick alignment, and what the views say of it."""
@@ -170,25 +169,26 @@ class GeometricVerifier:
         there = view_agreement(thinned(query.counted, _GLANCED_POINTS), match, pose)
         T_query_match = np.asarray(np.linalg.inv(pose), dtype=np.float64)
         back = view_agreement(thinned(match.counted, _GLANCED_POINTS), query, T_query_match)
-        free = max(there.free_space_share, back.free_space_share)
-        return _Glance(pose, min(there.overlap, back.overlap), free, given)
+        agreement = 0.5 * (there.likeness + back.likeness)
+        return _Glance(pose, min(there.overlap, back.overlap), agreement, given)
 
-    def _finished(self, query: DepthView, match: DepthView, glance: _Glance, enough: float) -> Verification:
+    def _finished(self, query: DepthView, match: DepthView, glance: _Glance, seconded: bool) -> Verification:
         """Judge the best pose of the search; one that came near is refined on more points first."""
         origin = "given pose" if glance.given else "coarse search"
         if isinstance(query.projection, LaserRow):
-            return self._judge(query, match, glance.pose, origin, enough)
+            return self._judge(query, match, glance.pose, origin, seconded)
+        enough = match.settings.min_overlap_seconded
         if glance.overlap >= _NEAR * enough:
-            found = self._refined(query, match, glance.pose, origin, enough, match.settings.whole_clouds)
+            found = self._refined(query, match, glance.pose, origin, seconded, match.settings.whole_clouds)
         else:
             reason = f"{glance.overlap:.0%} of the views agree, {enough:.0%} are needed"
-            found = _refused(glance.pose, glance.overlap, reason, glance.free, origin)
+            found = _refused(glance.pose, glance.overlap, reason)
         if self._kiss and not found.accepted:
             start = kiss_matcher_start(query, match)
             if start is not None:
                 pose = self._whole_clouds().refine(query, match, start)
                 found = max(
-                    found, self._refined(query, match, pose, "kiss-matcher", enough, False), key=_rank
+                    found, self._refined(query, match, pose, "kiss-matcher", seconded, False), key=_rank
                 )
         return found
 
@@ -198,17 +198,17 @@ class GeometricVerifier:
         match: DepthView,
         pose: FloatArray,
         origin: str,
-        enough: float,
+        seconded: bool,
         whole_clouds: bool,
     ) -> Verification:
         """The verdict on a pose once it is refined on many points, and if refused on the whole clouds first."""
         fine = self._quick.refine(query, match, pose, fine=True)
-        found = self._judge(query, match, fine, origin, enough)
+        found = self._judge(query, match, fine, origin, seconded)
         if found.accepted or not whole_clouds:
             return found
         whole = self._whole_clouds().refine(query, match, fine)
         fine = self._quick.refine(query, match, whole, fine=True)
-        return max(found, self._judge(query, match, fine, origin, enough), key=_rank)
+        return max(found, self._judge(query, match, fine, origin, seconded), key=_rank)
 
     def _grid(self, query: DepthView, yaw_rad: float | None) -> FloatArray:
         grid = pose_grid(query.settings, query.projection)
@@ -226,52 +226,72 @@ class GeometricVerifier:
         return self._clouds
 
     def _judge(
-        self, query: DepthView, match: DepthView, pose: FloatArray, start: str, enough: float
+        self, query: DepthView, match: DepthView, pose: FloatArray, start: str, seconded: bool
     ) -> Verification:
         there = view_agreement(query.counted, match, pose)
         back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
-        reason = _refusal(match.settings, pose, inliers, overlap, free, enough)
+        agreement = max(0.0, 0.5 * (there.likeness + back.likeness))
         pose = np.array(pose, dtype=np.float64)
         pose.setflags(write=False)
-        return Verification(
+        found = Verification(
             T_match_query=pose,
             inliers=inliers,
             overlap=overlap,
             free_space_violations=there.free + back.free,
             free_space_share=free,
             rmse_m=rmse_m,
-            accepted=not reason,
-            reason=reason or f"{overlap:.0%} of the views agree, {free:.0%} are seen through",
+            accepted=False,
+            reason="",
             start=start,
+            agreement=agreement,
+            reached_elsewhere=match.settings.reached_elsewhere,
             max_offset_m=match.settings.max_offset_m,
         )
+        return judged(found, match.settings, seconded=seconded)
 
 
-def _refusal(
-    settings: VerificationSettings, pose: FloatArray, inliers: int, overlap: float, free: float, enough: float
-) -> str:
-    """Why a pose is refused; empty when it is not."""
-    offset_m = float(np.linalg.norm(pose[:3, 3]))
-    if inliers < settings.min_points:
-        return f"{inliers} points have a partner, {settings.min_points} are needed"
-    if offset_m > settings.max_offset_m:
-        return f"the views would be {offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
-    if overlap < enough:
-        return f"{overlap:.0%} of the views agree, {enough:.0%} are needed"
-    if free > settings.max_free_space_share:
-        return f"{free:.0%} lie where the other view sees through, {settings.max_free_space_share:.0%} may"
+def judged(found: Verification, settings: VerificationSettings, *, seconded: bool) -> Verification:
+    """The same alignment, accepted or refused by the rule for seconded places or by that for lone ones."""
+    if found.start == _NO_START:
+        return found
+    reason = _refusal(found, settings, seconded)
+    approval = f"{found.overlap:.0%} of the views agree, {found.free_space_share:.0%} are seen through"
+    return replace(found, accepted=not reason, reason=reason or approval)
+
+
+def _refusal(found: Verification, settings: VerificationSettings, seconded: bool) -> str:
+    """Why an alignment is refused; empty when it is not."""
+    enough = settings.min_overlap_seconded if seconded else settings.min_overlap
+    most_free = settings.max_free_space_share_seconded if seconded else settings.max_free_space_share
+    least = settings.min_agreement_seconded if seconded else settings.min_agreement
+    if found.inliers < settings.min_points:
+        return f"{found.inliers} points have a partner, {settings.min_points} are needed"
+    if found.offset_m > settings.max_offset_m:
+        return f"the views would be {found.offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
+    if found.overlap < enough:
+        return f"{found.overlap:.0%} of the views agree, {enough:.0%} are needed"
+    if found.free_space_share > most_free:
+        return f"{found.free_space_share:.0%} lie where the other view sees through, {most_free:.0%} may"
+    if found.agreement < least:
+        return f"the views agree to {found.agreement:.2f} within their noise, {least:.2f} is needed"
     return ""
 
 
-def _refused(
-    pose: FloatArray, overlap: float, reason: str, free: float = 1.0, start: str = "coarse search"
-) -> Verification:
+def _require_one_kind(query: DepthView, match: DepthView) -> None:
+    if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
+        raise DataError(
+            "verify: expected two views of one kind of sensor, got "
+            f"{type(query.projection).__name__} and {type(match.projection).__name__}"
+        )
+
+
+def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
     pose = np.array(pose, dtype=np.float64)
     pose.setflags(write=False)
-    return Verification(pose, 0, overlap, 0, free, math.inf, False, reason, start)
+    return Verification(pose, 0, overlap, 0, 1.0, math.inf, False, reason, _NO_START)
 
 
 def _rank(verification: Verification) -> tuple[bool, float]:

@@ -1,0 +1,108 @@
+"""CheckedPlaces: what the geometric check said of the places that one query was compared with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from depthprint.recognizer import PlaceMatch
+from depthprint.verification.temporal_evidence import Hypothesis
+from depthprint.verification.verifier import Verification
+
+__all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
+
+# With this much nearness nothing better is looked for.
+_CERTAIN = 0.5
+# Accepted places that are at most so many frames apart are one place, seen from nearer and further.
+_ONE_PLACE = 10
+
+
+class CheckedPlaces:
+    """Places that one query was checked against, and what that says."""
+
+    def __init__(self, pool: Sequence[PlaceMatch], spread: int) -> None:
+        self.found: dict[int, Verification] = {}
+        self._support: dict[int, float] = {}
+        self._plausible: set[int] = set()
+        self._pool = {match.place: match for match in pool}
+        self._spread = spread
+
+    def add(self, place: int, found: Verification, support: float, plausible: bool) -> None:
+        """Take in a check; ``support``: evidence of earlier frames; ``plausible``: it would do for a seconded place."""
+        self.found[place], self._support[place] = found, support
+        if plausible:
+            self._plausible.add(place)
+
+    @property
+    def best(self) -> int | None:
+        """The accepted place to be called the match, or None."""
+        accepted = [place for place, found in self.found.items() if found.accepted]
+        return max(
+            accepted,
+            key=lambda place: (self._joined(place, self.found[place].nearness), -place),
+            default=None,
+        )
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing better need be looked for."""
+        best = self.best
+        return best is not None and self.found[best].nearness > _CERTAIN
+
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Plausible places, the best first."""
+        order = sorted(self._plausible, key=lambda place: (place != self.best, -self._strength(place), place))
+        return tuple(
+            Hypothesis(
+                place,
+                self.found[place].T_match_query,
+                self._strength(place),
+                self._support[place],
+                self.found[place].accepted,
+            )
+            for place in order
+        )
+
+    def ranked(self) -> list[PlaceMatch]:
+        """Proposed and accepted places, best first."""
+        best = self.best
+        accepted = [place for place, found in self.found.items() if found.accepted]
+        matches = []
+        for place in sorted({*self._pool, *accepted}):
+            match = self._pool.get(place, PlaceMatch(place, self._inner(place)))
+            found = self.found.get(place)
+            if found is not None and found.accepted:
+                # The nearest view is named, with the evidence of its neighbours.
+                beside = [p for p in accepted if abs(p - place) <= _ONE_PLACE] if place == best else [place]
+                distance = 1.0 - max(self._strength(p) for p in beside)
+            else:
+                doubt = 1.0 - self._strength(place) if place in self._plausible else 1.0
+                distance = 1.0 + doubt * match.distance / (1.0 + match.distance)
+            matches.append(replace(match, distance=distance, verification=found))
+        return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
+
+    def _strength(self, place: int) -> float:
+        return self._joined(place, evidence_of(self.found[place], self._inner(place)))
+
+    def _joined(self, place: int, own: float) -> float:
+        """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
+        return 1.0 - (1.0 - own) * (1.0 - self._support[place])
+
+    def _inner(self, place: int) -> float:
+        """Inner distance of a place, or of its nearest proposal beside it, or else of the worst proposal."""
+        if place in self._pool:
+            return self._pool[place].distance
+        beside = [match.distance for match in self._pool.values() if abs(match.place - place) <= self._spread]
+        return min(beside) if beside else max(match.distance for match in self._pool.values())
+
+
+def evidence_of(found: Verification, inner: float) -> float:
+    """What one view says for a place, in [0, 1): agreement over what other places reach, and the inner distance."""
+    reached = found.reached_elsewhere
+    return max(0.0, found.agreement - reached) / (1.0 - reached) / math.sqrt(1.0 + inner)
+
+
+def distance_of(inner: float, found: Verification) -> float:
+    """Distance of a pair of frames, of which nothing else is known."""
+    return 1.0 - evidence_of(found, inner) if found.accepted else 1.0 + inner / (1.0 + inner)

@@ -1,0 +1,124 @@
+"""TemporalEvidence: what the frames before say of a match, by the motion between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.verification.agreement import coarse_overlaps
+from depthprint.verification.depth_odometry import DepthOdometry
+from depthprint.verification.depth_view import DepthView
+from depthprint.verification.settings import VerificationSettings
+from depthprint.verification.verifier import GeometricVerifier
+
+__all__ = ["Hypothesis", "TemporalEvidence"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Frames back whose hypotheses are asked, and those whose match is followed.
+_REMEMBERED, _FOLLOWED = 16, 10
+# Share of its evidence that a hypothesis keeps over one witness distance.
+_KEPT = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A place where a frame may have been.
+
+    T_match_query: (4, 4) pose of the frame in the place. strength: evidence in [0, 1) with that of earlier frames,
+    support: that of the earlier frames alone. accepted: whether the frame was called a match of the place.
+    """
+
+    place: int
+    T_match_query: FloatArray
+    strength: float
+    support: float
+    accepted: bool
+
+
+class TemporalEvidence:
+    """Hypotheses of the last frames, carried along by depth odometry to the next frame.
+
+    Frames are numbered as they are added; places are frames too.
+    """
+
+    def __init__(self, verifier: GeometricVerifier) -> None:
+        self._odometry = DepthOdometry(verifier)
+        self._hypotheses: dict[int, tuple[Hypothesis, ...]] = {}
+
+    def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] = ()) -> None:
+        """Append a frame and where it may have been, best first."""
+        number = len(self._odometry)
+        self._odometry.add(view)
+        if hypotheses:
+            self._hypotheses[number] = tuple(hypotheses)
+        self._hypotheses.pop(number - _REMEMBERED, None)
+
+    def places_in_view(
+        self, view: DepthView, views: Sequence[DepthView], stored: int, count: int, spread: int
+    ) -> dict[int, FloatArray]:
+        """Places where motion since the last match says the frame is, with the pose T_place_view that it says.
+
+        First the nearest, then up to ``count`` that overlap most, ``spread`` apart. Empty where nothing was matched
+        lately or odometry broke.
+        """
+        latest = len(self._odometry) - 1
+        for number in range(latest, max(-1, latest - _FOLLOWED), -1):
+            link = next((h for h in self._hypotheses.get(number, ()) if h.accepted), None)
+            if link is not None:
+                break
+        else:
+            return {}
+        T_linked_query = self._odometry.pose_of_next(number, view)
+        if T_linked_query is None:
+            return {}
+        places, T_place_match = self._odometry.relative_poses(link.place, stored)
+        poses = T_place_match @ link.T_match_query @ T_linked_query
+        near = np.linalg.norm(poses[:, :3, 3], axis=1) < view.settings.max_offset_m
+        pose_of = dict(zip(places[near].tolist(), poses[near], strict=True))
+        overlaps = {
+            place: float(coarse_overlaps(view, views[place], pose[None])[0])
+            for place, pose in pose_of.items()
+        }
+        chosen = sorted(pose_of, key=lambda place: float(np.linalg.norm(pose_of[place][:3, 3])))[:1]
+        for place in sorted(overlaps, key=lambda place: (-overlaps[place], place)):
+            if len(chosen) <= count and all(abs(place - other) >= spread for other in chosen):
+                chosen.append(place)
+        return {place: pose_of[place] for place in chosen}
+
+    def relative_pose(self, first: int, second: int) -> FloatArray | None:
+        """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
+        return self._odometry.relative_pose(first, second)
+
+    def support(self, view: DepthView, place: int, T_match_query: FloatArray) -> float:
+        """Evidence in [0, 1) of earlier frames for a frame not added yet being at a pose in a place.
+
+        A hypothesis counts when it, moved by odometry, leads there within tolerance. One from further back than the
+        witness distance counts by its strength, as an independent view; a nearer one saw nearly the same, and
+        counts less the nearer it is, but hands on its own support. All fade with the distance driven.
+        """
+        found = 0.0
+        latest = len(self._odometry) - 1
+        for number in range(latest, max(-1, latest + 1 - _REMEMBERED), -1):
+            for hypothesis in self._hypotheses.get(number, ()):
+                T_number_query = self._odometry.pose_of_next(number, view)
+                T_place_match = self._odometry.relative_pose(place, hypothesis.place)
+                if T_number_query is None or T_place_match is None:
+                    continue
+                T_expected = T_place_match @ hypothesis.T_match_query @ T_number_query
+                driven = float(np.linalg.norm(T_number_query[:3, 3])) / view.settings.witness_m
+                if _agree(T_expected, T_match_query, max(1.0, driven), view.settings):
+                    alone = min(1.0, driven) * _KEPT ** max(1.0, driven) * hypothesis.strength
+                    found = max(found, alone, _KEPT**driven * hypothesis.support)
+        return found
+
+
+def _agree(first: FloatArray, second: FloatArray, slack: float, settings: VerificationSettings) -> bool:
+    apart = np.linalg.inv(first) @ second
+    metres = float(np.linalg.norm(apart[:3, 3]))
+    turn = math.acos(min(1.0, max(-1.0, (float(np.trace(apart[:3, :3])) - 1.0) / 2.0)))
+    return metres <= slack * settings.agreeing_m and turn <= slack * settings.agreeing_rad

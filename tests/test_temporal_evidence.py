@@ -1,0 +1,156 @@
+"""What earlier frames say of a match: carried along by motion, and believed only where it leads there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from depthprint.recognizer import PlaceMatch
+from depthprint.verification import GeometricVerifier, make_depth_view
+from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verified_recognizer import VerifiedRecognizer
+from test_depth_odometry import STEP_M, frame, true_pose
+from test_verification import block_world
+
+STRENGTH = 0.8
+
+
+def hypothesis(place: int, T: np.ndarray, accepted: bool = True, support: float = 0.0) -> Hypothesis:
+    return Hypothesis(place, T, STRENGTH, support, accepted)
+
+
+def drive_twice(frames: int, believed_at: int, **facts) -> TemporalEvidence:
+    """Places 0.. along a line, then the same line again; one frame of the second drive names its place."""
+    evidence = TemporalEvidence(GeometricVerifier())
+    for i in range(frames):
+        evidence.add(make_depth_view(frame(STEP_M * i)))
+    for i in range(frames, -1, -1):
+        believed = [hypothesis(i, np.eye(4), **facts)] if i == believed_at else []
+        evidence.add(make_depth_view(frame(STEP_M * i)), believed)
+    return evidence
+
+
+def test_motion_from_a_match_supports_the_pose_it_leads_to():
+    evidence = drive_twice(5, believed_at=4)
+    query = make_depth_view(frame(-0.5 * STEP_M))
+    led_to = true_pose(STEP_M, -0.5 * STEP_M)
+    found = evidence.support(query, 1, led_to)
+    assert 0.3 * STRENGTH < found < STRENGTH
+    assert evidence.support(query, 2, true_pose(2 * STEP_M, -0.5 * STEP_M)) == pytest.approx(found, abs=0.05)
+    aside = led_to.copy()
+    aside[1, 3] += 2.0
+    assert evidence.support(query, 1, aside) == 0.0
+
+
+def test_a_view_from_the_same_spot_is_no_new_witness_but_hands_on_its_own():
+    query = make_depth_view(frame(0.01))
+    from_here = {
+        support: drive_twice(3, believed_at=0, support=support).support(query, 0, np.eye(4))
+        for support in (0.0, 0.5)
+    }
+    assert from_here[0.0] < 0.05
+    assert from_here[0.5] == pytest.approx(0.5, abs=0.02)
+
+
+def test_evidence_does_not_cross_a_break_of_odometry():
+    evidence = drive_twice(3, believed_at=0)
+    evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
+    query = make_depth_view(frame(STEP_M, world=block_world(8)))
+    assert evidence.support(query, 0, np.eye(4)) == 0.0
+    assert evidence.places_in_view(query, [], 3, 2, 1) == {}
+
+
+def test_old_hypotheses_are_forgotten():
+    evidence = drive_twice(3, believed_at=0)
+    here = make_depth_view(frame(0.0))
+    for _ in range(16):
+        evidence.add(here)
+    assert evidence.support(here, 0, np.eye(4)) == 0.0
+
+
+def test_places_in_view_begin_with_the_nearest():
+    evidence = drive_twice(5, believed_at=3)
+    query = make_depth_view(frame(1.1 * STEP_M))
+    views = [make_depth_view(frame(STEP_M * i)) for i in range(5)]
+    found = evidence.places_in_view(query, views, 5, 2, 2)
+    assert next(iter(found)) == 1
+    np.testing.assert_allclose(found[1], true_pose(STEP_M, 1.1 * STEP_M), atol=0.1)
+    assert set(found) <= set(range(5))
+    nothing = drive_twice(5, believed_at=3, accepted=False)
+    assert nothing.places_in_view(query, views, 5, 2, 2) == {}
+
+
+class Named:
+    """Proposes the place that it is told next."""
+
+    def __init__(self):
+        self.stored, self.next = 0, 0
+
+    def fit(self, images):
+        return self
+
+    def describe(self, image):
+        return None
+
+    def add(self, description):
+        self.stored += 1
+        return self.stored - 1
+
+    def query(self, description, k=1, limit=None):
+        return [PlaceMatch(self.next, 0.2)]
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_weak_match_is_accepted_where_a_match_before_leads_to_it(driven):
+    inner = Named()
+    recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, track=True)
+
+    def described(x: float, needed: float):
+        found = recognizer.describe(frame(x))
+        weak = replace(
+            found.view.settings,
+            min_overlap=needed,
+            min_overlap_seconded=0.2,
+            min_overlap_motion=0.2,
+            witness_m=STEP_M,
+        )
+        return replace(found, view=replace(found.view, settings=weak))
+
+    # the second place asks for more agreement than any return to it has
+    for i in range(4):
+        recognizer.add(described(STEP_M * i, 1.0 if i == 1 else 0.3))
+    if driven:
+        inner.next = 3
+        first = described(STEP_M * 3 + 0.1, 0.3)
+        assert recognizer.query(first, limit=4)[0].verification.accepted
+        recognizer.add(first)
+        recognizer.add(described(STEP_M * 2, 0.3))
+    inner.next = 1
+    found = recognizer.query(described(STEP_M + 0.3, 0.3), k=9, limit=2)
+    second = next(match for match in found if match.place == 1)
+    assert second.verification is not None
+    assert second.verification.accepted == driven
+    assert (second.distance < 1.0) == driven
+    if driven:
+        alone = 1.0 - second.verification.agreement / np.sqrt(1.2)
+        assert second.distance < alone
+
+
+def test_further_proposals_are_checked_only_where_none_was_accepted():
+    for first, asked in ((0, False), (1, True)):
+        calls = []
+
+        def further(description, limit=None, calls=calls):
+            calls.append(limit)
+            return [PlaceMatch(0, 0.5, shift=0.0)]
+
+        inner = Named()
+        recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, further=further)
+        for world in (3, 8):
+            recognizer.add(recognizer.describe(frame(0.0, world=block_world(world))))
+        inner.next = first
+        best = recognizer.query(recognizer.describe(frame(0.2)), limit=2)[0]
+        assert (best.place, best.verification.accepted) == (0, True)
+        assert bool(calls) == asked
