@@ -101,7 +101,7 @@ def _scikit_learn(train: npt.NDArray[np.float64], n: int) -> Callable[[], npt.ND
 
     def learn() -> npt.NDArray[Any]:
         learner = MiniBatchDictionaryLearning(
-            N_ATOMS, alpha=LAMBDA, batch_size=BATCH, max_iter=PASSES, fit_algorithm="lars", n_jobs=n,
+            N_ATOMS, alpha=LAMBDA, batch_size=BATCH, max_iter=PASSES, fit_algorithm="cd", n_jobs=n,
             random_state=0, tol=0, max_no_improvement=None,
         )  # fmt: skip
         return np.asarray(learner.fit(train).components_)

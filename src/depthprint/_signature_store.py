@@ -102,7 +102,7 @@ class SignatureStore:
             self.weights, self.points = weights, points
         capacity = len(self.counts)
         if needed > capacity:
-            spare = capacity if capacity < _DOUBLES_UP_TO else capacity // 32
+            spare = capacity if capacity < _DOUBLES_UP_TO else capacity // 128
             rows = max(needed, capacity + spare, 8)
             for name in ("counts", "masses", "complexity", "vectors"):
                 _grow(getattr(self, name), rows)
