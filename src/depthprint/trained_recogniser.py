@@ -13,6 +13,7 @@ import numpy.typing as npt
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
 from depthprint.object_recogniser import FusedRecogniser
+from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.stored_views import StoredViews, ViewFeatures, store_views
@@ -94,8 +95,9 @@ class TrainedRecogniser:
             )
         if len(set(labels)) < 2:
             raise DataError(f"recogniser: expected views of two classes or more, got {sorted(set(labels))}")
-        # Presets that mirror are those of objects: masked crops, which kernel descriptors are made for.
-        words = SurfaceWords.load() if encoder.settings.mirror else None
+        # Presets that mirror are those of objects; kernel descriptors are made for crops of a pinhole camera.
+        surfaces = encoder.settings.mirror and isinstance(images[0].projection, Pinhole)
+        words = SurfaceWords.load() if surfaces else None
         stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
         calibration = calibrate(
             lambda train, known, test: _score(stored.views, train, known, test),
