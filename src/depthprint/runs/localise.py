@@ -57,7 +57,8 @@ def run_map_localise(
     without views, or of hand-held views where small_gicp is not installed, and with a ``threshold``, the distance
     alone decides: the nearest place must be at most ``threshold`` away, by default as far as ``background_threshold``
     allows from distances between places far apart in the map. results.json names the method.
-    Writes localised.csv, results.json and, where places have poses, trajectory_tum.txt: for each localised frame the pose of its place, moved by T_match_query where that was measured.
+    Writes localised.csv, results.json and, where places have poses, trajectory_tum.txt: for each localised frame the
+    pose of its place, moved by T_match_query where that was measured.
     Raises SettingsError for a map without places and a threshold that is not finite, and as its parts do.
     """
     from depthprint.run_folder import RunFolder
