@@ -124,7 +124,10 @@ def _remarks(row: Mapping[str, Any]) -> str:
         remarks.append(f"exponent {row['exponent']:.2f}")
     if "stages_ms" in row:
         stages = ", ".join(f"{name} {median:.1f}" for name, (median, _) in row["stages_ms"].items())
-        remarks.append(f"99th percentile {row['wall_ms'][1]:.0f} ms; medians in ms: {stages}")
+        remarks.append(
+            f"99th percentile {row['wall_ms'][1]:.0f} ms; of the processor's time {row['processor_ms'][0]:.1f} and "
+            f"{row['processor_ms'][1]:.0f} ms; medians in ms: {stages}"
+        )
     if "memory_mb" in row:
         remarks.append(f"{row['memory_mb']:.0f} MB")
     return "; ".join(remarks)

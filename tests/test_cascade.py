@@ -70,6 +70,23 @@ class Listed:
         return 0.5
 
 
+def test_query_of_few_places_leaves_the_number_of_threads_as_it_was(encoder):
+    import numba
+
+    from depthprint._kernels.threads import one_thread
+
+    before = numba.get_num_threads()
+    with one_thread():
+        assert numba.get_num_threads() == 1
+    with pytest.raises(DataError), one_thread():
+        raise DataError("inside")
+    fused = FusedRecognizer(encoder)
+    for image in DEFAULT[:3]:
+        fused.add(fused.describe(image))
+    assert fused.query(fused.describe(DEFAULT[0]))[0].place == 0
+    assert numba.get_num_threads() == before
+
+
 def test_fused_distance_is_the_weighted_sum_of_both(encoder):
     fused = FusedRecognizer(encoder, CascadeSettings(vector_weight=0.3, verify=False, ranked=12))
     a, b = (encoder.describe(DEFAULT[i]) for i in (0, 5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
 from pathlib import Path
 
@@ -49,12 +50,25 @@ def test_frames_of_another_recording_are_found_in_the_map(folder: Path, tmp_path
     assert [int(row["place"]) for row in rows if row["localised"] == "1"] == [3, 4, 7]
     assert rows[2]["localised"] == "0"
     assert rows[1]["source"].endswith("004.png")
-    assert "3 of 4 recorded frames are localised among 10 places" in stdout.splitlines()[-1]
+    last = stdout.splitlines()[-1]
+    assert "3 of 4 recorded frames are localised among 10 places (detector: accepted by geometry)" in last
     results = json.loads((out / "results.json").read_text())
     assert (results["localised"], results["with_pose"], results["map"]["places"]) == (3, 3, 10)
+    assert results["method"] == "detector"
     stamps, poses = read_tum_poses(out / "trajectory_tum.txt")
     assert stamps.tolist() == [0, 1, 3]
-    np.testing.assert_allclose(poses[:, 2, 3], [30, 40, 70])
+    np.testing.assert_allclose(poses[:, 2, 3], [30, 40, 70], atol=0.02)
+
+
+def test_without_small_gicp_the_distance_alone_decides_on_hand_held_views(folder, tmp_path, monkeypatch):
+    known = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "small_gicp" else known(name, *rest)
+    )
+    out = tmp_path / "out"
+    done("map", "localise", folder / "second", "--map", folder / "first.db", "-o", out)
+    results = json.loads((out / "results.json").read_text())
+    assert (results["method"], results["localised"]) == ("emd", 3)
 
 
 def test_a_given_threshold_decides(folder: Path, tmp_path: Path) -> None:

@@ -14,13 +14,13 @@ from depthprint.errors import SettingsError
 from depthprint.loop_closure import LoopClosureDetector, LoopResult
 from depthprint.place import Place
 from depthprint.place_database import PlaceDatabase
-from depthprint.runs.maps import METHOD
 from depthprint.runs.source import DataSource, spread
 from depthprint.runs.stages import RunSummary, Stages, silent
 from depthprint.runs.threshold import background_threshold
 
 if TYPE_CHECKING:
     from depthprint.datasets.base import RangeSequence
+    from depthprint.recognizer import PlaceRecognizer
     from depthprint.run_folder import RunFolder
 
 __all__ = ["run_map_localise"]
@@ -29,6 +29,8 @@ _SAMPLED_PLACES = 200
 # Places closer in the map than this many numbers may show the same surroundings.
 _FAR_APART = 50
 _NOWHERE = -1.0
+# The detector's distances of matches that geometry accepts are under 1.
+_ALL_ACCEPTED = 1.0
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,14 @@ def run_map_localise(
 ) -> RunSummary:
     """Find each frame of a recording among the places of a map, described by the map's own model.
 
-    A frame is localised when the nearest place is at most ``threshold`` away; None sets it by ``background_threshold``
-    from distances between places far apart in the map. Writes localised.csv, results.json and, where places have poses,
-    trajectory_tum.txt: for each localised frame the pose of its place, moved by T_match_query where that was measured.
+    Without a ``threshold`` the detector says which frames are localised: those whose match geometry accepts. For a map
+    without views, or of hand-held views where small_gicp is not installed, and with a ``threshold``, the distance
+    alone decides: the nearest place must be at most ``threshold`` away, by default as far as ``background_threshold``
+    allows from distances between places far apart in the map. results.json names the method.
+    Writes localised.csv, results.json and, where places have poses, trajectory_tum.txt: for each localised frame the
+    pose of its place, moved by T_match_query where that was measured.
     Raises SettingsError for a map without places and a threshold that is not finite, and as its parts do.
     """
-    from depthprint.place_methods import make_place_recognizer
     from depthprint.run_folder import RunFolder
 
     if threshold is not None and not math.isfinite(threshold):
@@ -73,8 +77,15 @@ def run_map_localise(
             "threshold": threshold,
         }
         with RunFolder(out, settings) as run:
-            limit = _threshold_of_map(database, stages) if threshold is None else threshold
-            recognizer = make_place_recognizer(METHOD, database.preset, database.load_encoder())
+            checked = threshold is None and _can_be_checked(database)
+            method = "detector" if checked else "emd"
+            limit, origin = threshold, "given"
+            if checked:
+                limit, origin = _ALL_ACCEPTED, "geometry"
+            elif limit is None:
+                limit = _threshold_of_map(database, stages)
+                origin = "spread of the distances of places far apart in the map"
+            recognizer = _recognizer(database, checked)
             detector = LoopClosureDetector(
                 recognizer,
                 exclusion_gap=0,
@@ -94,14 +105,37 @@ def run_map_localise(
                 "localised": sum(found.result.accepted for found in located),
                 "with_pose": sum(found.T_world_sensor is not None for found in located),
                 "threshold": limit,
-                "threshold_from": "spread of the distances of places far apart in the map"
-                if threshold is None
-                else "given",
+                "threshold_from": origin,
+                "method": method,
             }
             run.write_json("results.json", results)
             run.write_csv("localised.csv", *_rows(located, database))
             _write_trajectory(run, located)
     return RunSummary(folder=out, figures=(), sentence=_sentence(results), results=results)
+
+
+def _recognizer(database: PlaceDatabase, checked: bool) -> PlaceRecognizer:
+    from depthprint.cascade import make_cascade
+    from depthprint.cascade_settings import CascadeSettings
+    from depthprint.complexity_recognizer import ComplexityRecognizer
+
+    encoder = database.load_encoder()
+    # Frames are looked up, not added: there is no motion to follow.
+    return make_cascade(encoder, CascadeSettings(track=False)) if checked else ComplexityRecognizer(encoder)
+
+
+def _can_be_checked(database: PlaceDatabase) -> bool:
+    """Whether the map keeps the views that geometry compares, and what compares them is there."""
+    from importlib.util import find_spec
+
+    from depthprint.errors import DataError
+    from depthprint.verification.view_arrays import unpack_view
+
+    try:
+        view = unpack_view(database[0].arrays)
+    except DataError:
+        return False
+    return not view.settings.whole_clouds or find_spec("small_gicp") is not None
 
 
 def _threshold_of_map(database: PlaceDatabase, stages: Stages) -> float | None:
@@ -172,5 +206,9 @@ def _sentence(results: dict[str, Any]) -> str:
         )
     return (
         f"{results['localised']} of {results['frames']} {kind} frames are localised among {places} places "
-        f"(distance at most {results['threshold']:.3g})."
+        + (
+            "(detector: accepted by geometry)."
+            if results["method"] == "detector"
+            else f"(emd: distance at most {results['threshold']:.3g})."
+        )
     )

@@ -10,9 +10,7 @@ from depthprint.runs.models import require_model
 from depthprint.runs.source import DataSource
 from depthprint.runs.stages import Stages, silent
 
-__all__ = ["METHOD", "MapSummary", "run_map_build", "run_map_info", "run_map_merge"]
-
-METHOD = "emd"
+__all__ = ["MapSummary", "run_map_build", "run_map_info", "run_map_merge"]
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,11 @@ def run_map_build(
 
     ``voxel_m`` keeps points too, one a voxel of that side. The file appears when the last frame was described.
     """
+    from depthprint.cascade import make_cascade
+    from depthprint.cascade_settings import CascadeSettings
     from depthprint.io.atomic import atomic_path
     from depthprint.loop_closure import LoopClosureDetector
     from depthprint.place_database import PlaceDatabase
-    from depthprint.place_methods import make_place_recognizer
 
     _require_new(out)
     sequence = source.open(stages("make the world"))
@@ -55,7 +54,8 @@ def run_map_build(
         PlaceDatabase.create(temporary, encoder, voxel_m=voxel_m) as database,
         database.transaction(),
     ):
-        recognizer = make_place_recognizer(METHOD, encoder.settings.name, encoder)
+        # The cascade keeps what the geometric check needs, wherever that will be made; here nothing is checked.
+        recognizer = make_cascade(encoder, CascadeSettings(track=False))
         detector = LoopClosureDetector(recognizer, threshold=0.0, database=database)
         database.begin_run(sequence.name, simulated=sequence.simulated, world_up=sequence.world_up)
         for index in range(len(sequence)):
