@@ -40,13 +40,17 @@ def test_steps_add_up_to_the_way_driven():
     assert degrees < 0.5
 
 
-def test_relative_poses_are_those_of_the_places_asked_for():
+def test_places_near_a_pose_are_those_within_reach():
     odometry = odometry_along([STEP_M * i for i in range(6)])
-    numbers, poses = odometry.relative_poses(1, below=4)
+    numbers, poses = odometry.places_near(1, np.eye(4), below=4, reach_m=10.0)
     assert numbers.tolist() == [0, 1, 2, 3]
     np.testing.assert_allclose(poses[1], np.eye(4), atol=1e-12)
     metres, _ = pose_error(poses[3], true_pose(STEP_M * 3, STEP_M))
     assert metres < 0.1
+    assert odometry.places_near(1, np.eye(4), below=4, reach_m=1.5 * STEP_M)[0].tolist() == [0, 1, 2]
+    ahead = true_pose(STEP_M, STEP_M * 5)
+    assert odometry.places_near(1, ahead, below=6, reach_m=0.5 * STEP_M)[0].tolist() == [5]
+    assert odometry.places_near(1, ahead, below=4, reach_m=0.5 * STEP_M)[0].tolist() == []
 
 
 def test_a_view_of_elsewhere_starts_another_chain():
@@ -55,7 +59,7 @@ def test_a_view_of_elsewhere_starts_another_chain():
     assert odometry.pose_of_next(0, elsewhere) is None
     odometry.add(elsewhere)
     assert odometry.pose_of_next(1, make_depth_view(frame(STEP_M, world=block_world(8)))) is None
-    assert odometry.relative_poses(2, below=3)[0].tolist() == [2]
+    assert odometry.places_near(2, np.eye(4), below=3, reach_m=100.0)[0].tolist() == [2]
     assert odometry.pose_of_next(2, make_depth_view(frame(STEP_M, world=block_world(8)))) is not None
 
 

@@ -23,7 +23,9 @@ def run() -> RunSummary:
         "protocol": "loops, query-wise and causal", "data": "street", "simulated": True, "truth": "poses", "seed": 0,
         "counts": {"frames": 10}, "methods": {NAME: {**figures, "ms_per_query": 12.0, "intervals": intervals}},
     }  # fmt: skip
-    return RunSummary(folder=Path("run"), table=results_table(report), figures=(), sentence="Done.", results={})
+    return RunSummary(
+        folder=Path("run"), table=results_table(report), figures=(), sentence="Done.", results={}
+    )
 
 
 def test_every_figure_is_whole_in_a_file_and_in_a_narrow_terminal(run, capsys, monkeypatch):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_left, bisect_right
+
 import numpy as np
 import numpy.typing as npt
 
@@ -27,6 +30,7 @@ class DepthOdometry:
         self._poses: list[FloatArray] = []
         self._inverses: list[FloatArray] = []
         self._chains: list[int] = []
+        self._positions_m = array("d")
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -43,6 +47,7 @@ class DepthOdometry:
             self._chains.append(self._chains[-1])
             self._motion = step
         self._inverses.append(np.asarray(np.linalg.inv(self._poses[-1]), dtype=np.float64))
+        self._positions_m.extend(self._poses[-1][:3, 3])
         self._last = view
 
     def pose_of_next(self, first: int, view: DepthView) -> FloatArray | None:
@@ -52,19 +57,29 @@ class DepthOdometry:
         step = self._step_to(view)
         return None if step is None else self._inverses[first] @ self._poses[-1] @ step
 
-    def relative_poses(self, second: int, below: int) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """Numbers (n,) under ``below`` of the views of one chain with ``second``, and T_number_second (n, 4, 4)."""
-        numbers = np.flatnonzero(np.array(self._chains[:below]) == self._chains[second])
+    def places_near(
+        self, second: int, T_second_view: FloatArray, below: int, reach_m: float
+    ) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Views of the chain of ``second`` within reach of a pose in it: their numbers under ``below``, (n,).
+
+        And T_number_view (n, 4, 4) of that pose.
+        """
+        T_chain_view = self._poses[second] @ T_second_view
+        chain = self._chains[second]
+        first, end = bisect_left(self._chains, chain), min(below, bisect_right(self._chains, chain))
+        positions_m = np.array(self._positions_m[3 * first : 3 * max(first, end)]).reshape(-1, 3)
+        apart_m = np.linalg.norm(positions_m - T_chain_view[:3, 3], axis=1)
+        numbers = first + np.flatnonzero(apart_m < reach_m)
         if not len(numbers):
             return numbers, np.empty((0, 4, 4))
         inverses = np.stack([self._inverses[number] for number in numbers])
-        return numbers, np.asarray(inverses @ self._poses[second])
+        return numbers, np.asarray(inverses @ T_chain_view)
 
     def relative_pose(self, first: int, second: int) -> FloatArray | None:
         """T_first_second (4, 4) of two views, or None where the chain between them broke."""
         if self._chains[first] != self._chains[second]:
             return None
-        return np.asarray(np.linalg.inv(self._poses[first]) @ self._poses[second])
+        return np.asarray(self._inverses[first] @ self._poses[second])
 
     def _step_to(self, view: DepthView) -> FloatArray | None:
         """T_last_view, or None where the two do not agree."""

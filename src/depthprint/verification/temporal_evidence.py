@@ -76,10 +76,10 @@ class TemporalEvidence:
         T_linked_query = self._odometry.pose_of_next(number, view)
         if T_linked_query is None:
             return {}
-        places, T_place_match = self._odometry.relative_poses(link.place, stored)
-        poses = T_place_match @ link.T_match_query @ T_linked_query
-        near = np.linalg.norm(poses[:, :3, 3], axis=1) < view.settings.max_offset_m
-        pose_of = dict(zip(places[near].tolist(), poses[near], strict=True))
+        places, poses = self._odometry.places_near(
+            link.place, link.T_match_query @ T_linked_query, stored, view.settings.max_offset_m
+        )
+        pose_of = dict(zip(places.tolist(), poses, strict=True))
         overlaps = {
             place: float(coarse_overlaps(view, views[place], pose[None])[0])
             for place, pose in pose_of.items()
@@ -104,13 +104,16 @@ class TemporalEvidence:
         found = 0.0
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest + 1 - _REMEMBERED), -1):
-            for hypothesis in self._hypotheses.get(number, ()):
-                T_number_query = self._odometry.pose_of_next(number, view)
+            hypotheses = self._hypotheses.get(number, ())
+            T_number_query = self._odometry.pose_of_next(number, view) if hypotheses else None
+            if T_number_query is None:
+                continue
+            driven = float(np.linalg.norm(T_number_query[:3, 3])) / view.settings.witness_m
+            for hypothesis in hypotheses:
                 T_place_match = self._odometry.relative_pose(place, hypothesis.place)
-                if T_number_query is None or T_place_match is None:
+                if T_place_match is None:
                     continue
                 T_expected = T_place_match @ hypothesis.T_match_query @ T_number_query
-                driven = float(np.linalg.norm(T_number_query[:3, 3])) / view.settings.witness_m
                 if _agree(T_expected, T_match_query, max(1.0, driven), view.settings):
                     alone = min(1.0, driven) * _KEPT ** max(1.0, driven) * hypothesis.strength
                     found = max(found, alone, _KEPT**driven * hypothesis.support)
