@@ -73,6 +73,7 @@ def test_old_hypotheses_are_forgotten():
 def test_places_in_view_begin_with_the_nearest():
     evidence = drive_twice(5, believed_at=3)
     query = make_depth_view(frame(1.1 * STEP_M))
+    query = replace(query, settings=replace(query.settings, offset_weight=1.0))
     views = [make_depth_view(frame(STEP_M * i)) for i in range(5)]
     found = evidence.places_in_view(query, views, 5, 2, 2)
     assert next(iter(found)) == 1
@@ -115,6 +116,7 @@ def test_weak_match_is_accepted_where_a_match_before_leads_to_it(driven):
             min_overlap_seconded=0.2,
             min_overlap_motion=0.2,
             witness_m=STEP_M,
+            offset_weight=1.0,
         )
         return replace(found, view=replace(found.view, settings=weak))
 

@@ -162,7 +162,7 @@ def slow_agreement(points, view, pose):
     height, width = view.ranges_m.shape
     counts = [0, 0, 0, 0]
     likeness = 0.0
-    t, n = view.settings.tolerance, view.settings.noise
+    t, n = view.settings.tolerance, view.settings.noise or view.settings.tolerance
     weights = np.linalg.norm(points.astype(np.float64), axis=1)
     moved = points.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
     u, v, r = view.projection.project(moved)

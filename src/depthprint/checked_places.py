@@ -13,7 +13,7 @@ from depthprint.verification.verifier import Verification
 __all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
 
 # With this much nearness nothing better is looked for.
-_CERTAIN = 0.5
+_CERTAIN = 0.6
 # Accepted places that are at most so many frames apart are one place, seen from nearer and further.
 _ONE_PLACE = 10
 

@@ -110,7 +110,7 @@ def _counts(
         wraps,
         view.ranges_m,
         slack * np.array(view.settings.tolerance),
-        np.array(view.settings.noise),
+        np.array(view.settings.noise or view.settings.tolerance),
         neighbours,
         counts,
         likeness,

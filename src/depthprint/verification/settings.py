@@ -23,6 +23,7 @@ _SHARES = (
     "min_agreement_seconded",
     "reached_elsewhere",
     "min_support",
+    "offset_weight",
 )
 
 
@@ -33,7 +34,9 @@ class VerificationSettings:
     columns: views are thinned to at most this many columns.
     reach_m: returns further away are left out. voxel_m: spacing of the points that are aligned.
     tolerance: ranges agree within tolerance[0] + tolerance[1] r + tolerance[2] r^2 metres; noise: standard deviation of
-        the difference of two of them, pose and all, in the same form.
+        the difference of two of them, pose and all, in the same form; None where agreement is by tolerance alone.
+    offset_weight: share of its agreement that a place loses, when one is to be named, at max_offset_m; at 1 the
+        place that motion says is nearest is checked first.
     ground_clearance_m: where the sensor's height is known, points lower than this above the ground are not
         counted, since the ground of any two streets agrees.
     forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
@@ -58,7 +61,7 @@ class VerificationSettings:
     reach_m: float = 40.0
     voxel_m: float = 0.8
     tolerance: tuple[float, float, float] = (0.2, 0.0, 0.003)
-    noise: tuple[float, float, float] = (0.05, 0.0, 0.0013)
+    noise: tuple[float, float, float] | None = None
     ground_clearance_m: float = 0.4
     forward_m: tuple[float, ...] = (0.0,)
     sideways_m: tuple[float, ...] = (0.0,)
@@ -69,6 +72,7 @@ class VerificationSettings:
     whole_clouds: bool = False
     max_pairing_m: float = 1.5
     max_offset_m: float = 8.0
+    offset_weight: float = 0.5
     min_points: int = 50
     min_overlap: float = 0.45
     min_overlap_seconded: float = 0.35
@@ -107,6 +111,8 @@ def _degrees(*angles: float) -> tuple[float, ...]:
 
 
 _CAMERA = VerificationSettings(
+    noise=(0.05, 0.0, 0.0013),
+    offset_weight=1.0,
     min_overlap=0.25,
     min_overlap_seconded=0.25,
     max_free_space_share=0.6,
@@ -125,7 +131,8 @@ _SPINNING = replace(
     columns=360,
     voxel_m=1.0,
     tolerance=(0.3, 0.01, 0.0),
-    noise=(0.15, 0.005, 0.0),
+    noise=None,
+    offset_weight=0.5,
     min_overlap=0.45,
     min_overlap_seconded=0.35,
     max_free_space_share=0.2,
@@ -141,7 +148,6 @@ _HAND_HELD = VerificationSettings(
     reach_m=8.0,
     voxel_m=0.13,
     tolerance=(0.04, 0.0, 0.006),
-    noise=(0.02, 0.0, 0.003),
     forward_m=(0.0, -0.25, 0.25),
     yaw_rad=_degrees(0, -8, 8, -16, 16, -24, 24),
     pitch_rad=_degrees(0, -8, 8, -16, 16),

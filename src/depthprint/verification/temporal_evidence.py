@@ -63,8 +63,8 @@ class TemporalEvidence:
     ) -> dict[int, FloatArray]:
         """Places where motion since the last match says the frame is, with the pose T_place_view that it says.
 
-        First the nearest, then up to ``count`` that overlap most, ``spread`` apart. Empty where nothing was matched
-        lately or odometry broke.
+        First the nearest where the sensor's settings ask for it, then up to ``count`` that overlap most, ``spread``
+        apart. Empty where nothing was matched lately or odometry broke.
         """
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest - _FOLLOWED), -1):
@@ -84,9 +84,12 @@ class TemporalEvidence:
             place: float(coarse_overlaps(view, views[place], pose[None])[0])
             for place, pose in pose_of.items()
         }
-        chosen = sorted(pose_of, key=lambda place: float(np.linalg.norm(pose_of[place][:3, 3])))[:1]
+        chosen: list[int] = []
+        if pose_of and view.settings.offset_weight == 1.0:
+            chosen.append(min(pose_of, key=lambda place: float(np.linalg.norm(pose_of[place][:3, 3]))))
+            count += 1
         for place in sorted(overlaps, key=lambda place: (-overlaps[place], place)):
-            if len(chosen) <= count and all(abs(place - other) >= spread for other in chosen):
+            if len(chosen) < count and all(abs(place - other) >= spread for other in chosen):
                 chosen.append(place)
         return {place: pose_of[place] for place in chosen}
 

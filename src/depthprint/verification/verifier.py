@@ -50,7 +50,8 @@ class Verification:
     inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
     that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
     other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
-    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness``; wrong places of one shape often reach
+    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness`` where the noise is known, else
+        overlap * (1 - free_space_share); wrong places of one shape often reach
         ``reached_elsewhere``.
     accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
     """
@@ -67,11 +68,12 @@ class Verification:
     agreement: float = 0.0
     reached_elsewhere: float = 0.0
     max_offset_m: float = math.inf
+    offset_weight: float = 0.5
 
     @property
     def nearness(self) -> float:
         """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
-        return self.agreement * (1.0 - min(1.0, self.offset_m / self.max_offset_m))
+        return self.agreement * (1.0 - self.offset_weight * min(1.0, self.offset_m / self.max_offset_m))
 
     @property
     def offset_m(self) -> float:
@@ -233,7 +235,9 @@ class GeometricVerifier:
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
-        agreement = max(0.0, 0.5 * (there.likeness + back.likeness))
+        agreement = overlap * (1.0 - free)
+        if match.settings.noise is not None:
+            agreement = max(0.0, 0.5 * (there.likeness + back.likeness))
         pose = np.array(pose, dtype=np.float64)
         pose.setflags(write=False)
         found = Verification(
@@ -249,6 +253,7 @@ class GeometricVerifier:
             agreement=agreement,
             reached_elsewhere=match.settings.reached_elsewhere,
             max_offset_m=match.settings.max_offset_m,
+            offset_weight=match.settings.offset_weight,
         )
         return judged(found, match.settings, seconded=seconded)
 
