@@ -39,6 +39,7 @@ def _pixel(kind: int, camera: Float64, x: float, y: float, z: float) -> tuple[fl
 @nb.njit(cache=True)
 def count_agreement(
     points: Float32,
+    weights: Float32,
     poses: Float64,
     kind: int,
     camera: Float64,
@@ -55,13 +56,14 @@ def count_agreement(
     points (n, 3), of which poses (m, 4, 4) T_target_points bring them to the frame of ``ranges`` (h, w), whose
     NaN say nothing. tolerance (3,): metres, share of the range, share of its square a metre. A point is confirmed
     when a pixel within ``neighbours`` of its own has its range, in free space when all of them see further.
-    likeness is a mean over the points, weighed by their range: 1 - (e / 2)^2 where the closest of these pixels is e < 2
-    standard deviations off, -1 where it sees more than 3 further, else 0. noise (3,): as tolerance, of one deviation.
+    likeness is a mean over the points by their ``weights`` (n,): 1 - (e / 2)^2 where the closest of these pixels is
+    e < 2 standard deviations off, -1 where it sees more than 3 further, else 0. noise (3,): as tolerance, of one
+    deviation.
     """
     height, width = ranges.shape
     for m in range(len(poses)):
         pose = poses[m]
-        total, weights = 0.0, 0.0
+        total, weighed = 0.0, 0.0
         for c in range(4):
             counts[m, c] = 0
         for k in range(len(points)):
@@ -70,8 +72,8 @@ def count_agreement(
             y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
             z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
             u, v, r = _pixel(kind, camera, x, y, z)
-            weight = math.sqrt(px * px + py * py + pz * pz)
-            weights += weight
+            weight = np.float64(weights[k])
+            weighed += weight
             column, row = math.floor(u + 0.5), math.floor(v + 0.5)
             if wraps and column >= width:
                 column -= width
@@ -115,4 +117,4 @@ def count_agreement(
                 counts[m, 1] += 1
             else:
                 counts[m, 2] += 1
-        likeness[m] = total / weights if weights > 0 else 0.0
+        likeness[m] = total / weighed if weighed > 0 else 0.0

@@ -23,7 +23,7 @@ class ViewAgreement:
     """Points of one view in another: ``confirmed`` by its ranges, ``hidden`` behind them, in space seen to be
     ``free``, and ``unseen`` (outside the image, or where it has no return).
 
-    likeness: mean over the points, weighed by range, of how well each is confirmed, in 0..1 by the sensor's noise; one
+    likeness: weighted mean over the points of how well each is confirmed, in 0..1 by the sensor's noise; one
     well inside free space counts -1.
     """
 
@@ -47,19 +47,27 @@ class ViewAgreement:
 
 
 def view_agreement(
-    points: npt.NDArray[np.float32], view: DepthView, T_view_points: npt.NDArray[np.float64]
+    points: npt.NDArray[np.float32],
+    view: DepthView,
+    T_view_points: npt.NDArray[np.float64],
+    weights: npt.NDArray[np.float32] | None = None,
 ) -> ViewAgreement:
     """Count what a view says of points (n, 3) float32 brought to its frame by T_view_points (4, 4).
 
-    A pixel and its eight neighbours are asked, within the tolerance of the view's sensor. Raises DataError for
-    other shapes or a pose that is not finite.
+    weights (n,) float32: what each point counts in ``likeness``; all alike when None. A pixel and its eight
+    neighbours are asked, within the tolerance of the view's sensor. Raises DataError for other shapes or a pose
+    that is not finite.
     """
     pose = np.asarray(T_view_points, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise DataError(f"view_agreement: expected a finite pose (4, 4), got shape {pose.shape}")
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError(f"view_agreement: expected points (n, 3), got {points.shape}")
-    counts, likeness = _counts(points, view, pose[None], 1, 1.0)
+    if weights is None:
+        weights = np.ones(len(points), dtype=np.float32)
+    if weights.shape != (len(points),):
+        raise DataError(f"view_agreement: expected weights ({len(points)},), got {weights.shape}")
+    counts, likeness = _counts(points, weights, view, pose[None], 1, 1.0)
     confirmed, hidden, free, unseen = (int(count) for count in counts[0])
     return ViewAgreement(confirmed, hidden, free, unseen, float(likeness[0]))
 
@@ -81,17 +89,19 @@ def _confirmed(
     query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], n_points: int
 ) -> npt.NDArray[np.float64]:
     points = thinned(query.counted, n_points)
-    counts, _ = _counts(points, match, T_match_query, 0, _COARSE_SLACK)
+    weights = np.ones(len(points), dtype=np.float32)
+    counts, _ = _counts(points, weights, match, T_match_query, 0, _COARSE_SLACK)
     return np.asarray(counts[:, 0] / max(1, len(points)))
 
 
 def thinned(points: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.float32]:
-    """About ``count`` of some points (n, 3), evenly drawn."""
+    """About ``count`` of some points (n, 3), or of their weights (n,), evenly drawn."""
     return points[:: max(1, len(points) // count)]
 
 
 def _counts(
     points: npt.NDArray[np.float32],
+    weights: npt.NDArray[np.float32],
     view: DepthView,
     poses: npt.NDArray[np.float64],
     neighbours: int,
@@ -104,6 +114,7 @@ def _counts(
     likeness = np.zeros(len(poses))
     count_agreement(
         np.ascontiguousarray(points, dtype=np.float32),
+        np.ascontiguousarray(weights, dtype=np.float32),
         np.ascontiguousarray(poses, dtype=np.float64),
         kind,
         camera,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.resampling import resample
 from depthprint.verification.settings import VerificationSettings, settings_for
+from depthprint.verification.surface_weights import surface_weights
 
 __all__ = ["DepthView", "make_depth_view"]
 
@@ -37,6 +39,11 @@ class DepthView:
         """(n, 3) float32 points within reach, metres, sensor frame."""
         points = self.projection.points(self.ranges_m).reshape(-1, 3)
         return np.asarray(points[np.isfinite(points[:, 0])])
+
+    @cached_property
+    def weights(self) -> npt.NDArray[np.float32]:
+        """(m,) float32: what each of ``counted`` says where agreement is judged (`surface_weights`)."""
+        return surface_weights(self.counted, self.ranges_m, self.projection)
 
     def camera(self) -> tuple[int, npt.NDArray[np.float64], bool]:
         """Kind, parameters and wrapping of the projection, as the agreement kernel takes them."""

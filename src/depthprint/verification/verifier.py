@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
-from depthprint.verification.agreement import coarse_overlaps, thinned, view_agreement
+from depthprint.verification.agreement import ViewAgreement, coarse_overlaps, thinned, view_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.projective_alignment import ProjectiveAligner
@@ -168,9 +168,9 @@ class GeometricVerifier:
     def _glance(self, query: DepthView, match: DepthView, start: FloatArray, given: bool) -> _Glance:
         """Where a start leads by the quick alignment, and what the views say of it."""
         pose = self._aligner(query).refine(query, match, start)
-        there = view_agreement(thinned(query.counted, _GLANCED_POINTS), match, pose)
+        there = _seen(query, match, pose, _GLANCED_POINTS)
         T_query_match = np.asarray(np.linalg.inv(pose), dtype=np.float64)
-        back = view_agreement(thinned(match.counted, _GLANCED_POINTS), query, T_query_match)
+        back = _seen(match, query, T_query_match, _GLANCED_POINTS)
         agreement = 0.5 * (there.likeness + back.likeness)
         return _Glance(pose, min(there.overlap, back.overlap), agreement, given)
 
@@ -230,8 +230,8 @@ class GeometricVerifier:
     def _judge(
         self, query: DepthView, match: DepthView, pose: FloatArray, start: str, seconded: bool
     ) -> Verification:
-        there = view_agreement(query.counted, match, pose)
-        back = view_agreement(match.counted, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
+        there = _seen(query, match, pose)
+        back = _seen(match, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
@@ -283,6 +283,15 @@ def _refusal(found: Verification, settings: VerificationSettings, seconded: bool
     if found.agreement < least:
         return f"the views agree to {found.agreement:.2f} within their noise, {least:.2f} is needed"
     return ""
+
+
+def _seen(view: DepthView, by: DepthView, T_by_view: FloatArray, count: int | None = None) -> ViewAgreement:
+    """What one view says of another's points, of all or of so many."""
+    count = len(view.counted) if count is None else count
+    weights = view.weights if by.settings.noise is not None else None
+    return view_agreement(
+        thinned(view.counted, count), by, T_by_view, None if weights is None else thinned(weights, count)
+    )
 
 
 def _require_one_kind(query: DepthView, match: DepthView) -> None:
