@@ -212,7 +212,7 @@ def test_agreement_equals_the_slow_reference(seed, kind):
         points[:, 2] = 0
     pose = pose_at(projection, *rng.uniform(-1, 1, 3), 0.0)
     pose[:3, :3] = pose[:3, :3] @ projection.R_flu_sensor.T
-    counted = view_agreement(points, view, pose)
+    counted = view_agreement(points, view, pose, np.linalg.norm(points, axis=1))
     counts, likeness = slow_agreement(points, view, pose)
     assert [counted.confirmed, counted.hidden, counted.free, counted.unseen] == counts
     assert counted.likeness == pytest.approx(likeness, abs=1e-6)
