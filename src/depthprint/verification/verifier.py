@@ -142,9 +142,9 @@ class GeometricVerifier:
         enough = settings.min_overlap_seconded if seconded else settings.min_overlap
         given = [self._glance(query, match, np.asarray(start, dtype=np.float64), True) for start in starts]
         if given and max(glance.overlap for glance in given) >= enough:
-            # A pose that is right already makes a search for one idle.
+            # A pose that is surely right makes a search for one idle.
             found = self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
-            if found.accepted:
+            if found.accepted and found.overlap > _CERTAIN:
                 return found
         poses = self._grid(query, yaw_rad)
         overlaps = coarse_overlaps(query, match, poses)
