@@ -1,9 +1,14 @@
-"""Real Velodyne scans: one place is nearer than two places, whatever the direction of travel."""
+"""Real Velodyne scans: one place is nearer than two places and passes the check, whatever the direction of travel."""
+
+import itertools
+import math
 
 import numpy as np
 
 from depthprint.datasets.kitti_odometry import kitti_odometry
 from depthprint.place_methods import load_shipped_encoder
+from depthprint.verification.depth_view import make_depth_view
+from depthprint.verification.verifier import GeometricVerifier
 
 DIFFERENT_PLACES_M = 5.0
 
@@ -35,3 +40,31 @@ def test_scans_of_one_place_are_nearer_than_all_scans_of_different_places(data_r
     turned_deg = encoder.shift_sectors()[shift] * 360 / encoder.settings.polar.sectors
     assert names[match] == "08/001500"
     assert abs(turned_deg - 180) <= 30
+
+
+def test_geometry_accepts_scans_of_one_place_and_refuses_all_of_different_places(data_root):
+    verifier = GeometricVerifier()
+    scans = kitti_odometry(data_root / "kitti_odometry", sequence="00", source="velodyne")
+    views = [make_depth_view(scans[number]) for number in range(len(scans))]
+    positions = scans.poses[:, [0, 2], 3]
+    accepted = 0
+    for first, second in itertools.combinations(range(len(views)), 2):
+        found = verifier.verify(views[second], views[first], yaw_rad=None)
+        apart_m = np.linalg.norm(positions[first] - positions[second])
+        assert found.accepted == (apart_m < DIFFERENT_PLACES_M)
+        accepted += found.accepted
+        if found.accepted:
+            assert found.agreement > 0.6
+            # between the laps the given poses themselves disagree by some decimetres
+            assert abs(found.offset_m - apart_m) < 1.0
+    assert accepted == 3
+
+
+def test_geometry_accepts_a_real_return_from_the_opposite_direction(data_root):
+    scans = kitti_odometry(data_root / "kitti_odometry", sequence="08", source="velodyne")
+    views = [make_depth_view(scans[number]) for number in (0, 1)]
+    # as near as the descriptor's shift tells the turn
+    found = GeometricVerifier().verify(views[1], views[0], yaw_rad=math.radians(204))
+    assert found.accepted
+    turn_deg = math.degrees(math.acos((np.trace(found.T_match_query[:3, :3]) - 1) / 2))
+    assert turn_deg > 140
