@@ -31,8 +31,9 @@ class ViewComparison:
     """How views (m) compare with the stored views (n).
 
     kernel: (m, n) of the discriminant. distances: (m, n) matrices of the nearest-neighbour terms, one each.
-    machine_kernel: (m, k n) inner products for the support vector machine, k = 2 where mirror images of the stored
-    views train too and follow them, else 1; among the stored views (k n, k n). None where there is no machine.
+    machine_kernel: (m, k n) inner products for the support vector machine, with the stored views and k - 1 further
+    copies of each that train too, all first copies before all second ones; among the stored views (k n, k n). None
+    where there is no machine.
     """
 
     kernel: npt.NDArray[np.floating[Any]]
