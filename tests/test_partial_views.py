@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from depthprint.object_methods import make_object_methods
+from depthprint.object_recogniser import ViewComparison, fused_comparison
 from depthprint.partial_views import LEARNED_SHARE, partial_copies
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
@@ -71,6 +72,12 @@ def test_kernels_are_the_products_of_views_mirror_images_and_copies(kernels, wor
         if number != 1:
             crossed = (crossed + crossed.T) / 2
         np.testing.assert_allclose(kernels.crossed[number], crossed, atol=1e-5)
+    rows = np.arange(4)
+    sums = np.concatenate([views[0] + views[1], copies[0] + copies[1]])
+    sums /= np.linalg.norm(sums, axis=1, keepdims=True)
+    found = kernels.summed(rows, rows, among=True, partial=True)
+    np.testing.assert_allclose(found, sums @ sums.T, atol=1e-5)
+    np.testing.assert_array_equal(kernels.summed(rows, rows), found[:4, :4])
 
 
 def test_kernels_without_size_are_those_of_the_other_kinds(words, crops):
@@ -82,21 +89,35 @@ def test_kernels_without_size_are_those_of_the_other_kinds(words, crops):
     np.testing.assert_array_equal(unturned.crossed, unturned.straight)
 
 
-def test_machine_kernel_has_views_mirror_images_copies_and_theirs(kernels):
+def test_copies_follow_the_views_that_they_are_of(kernels):
     rows = np.array([0, 2, 3])
-    among = kernels.machine_kernel(rows, rows, among=True, partial=True)
-    assert among.shape == (12, 12)
+    for compared in (kernels.summed, kernels.nearer):
+        among = compared(rows, rows, among=True, partial=True)
+        assert among.shape == (6, 6)
+        np.testing.assert_array_equal(among, among.T)
+        # A training view as a query compares as it does among the training views.
+        np.testing.assert_allclose(compared(rows, rows, partial=True), among[:3], atol=1e-6)
+        np.testing.assert_allclose(compared(rows, rows, among=True), among[:3, :3], atol=1e-6)
+    asked = kernels.nearer(np.array([1]), rows, partial=True)
+    nearest = np.maximum(kernels.straight[1, 1, rows], kernels.crossed[1, 1, rows])
+    np.testing.assert_allclose(asked[0, 3:], 1.0 - nearest, atol=1e-6)
+
+
+def test_machine_kernel_has_views_and_their_mirror_images(kernels):
+    rows = np.array([0, 2, 3])
+    among = kernels.with_mirrored(rows, rows, among=True)
+    assert among.shape == (6, 6)
     np.testing.assert_array_equal(among, among.T)
-    np.testing.assert_allclose(np.diag(among), 1.0, atol=1e-5)
-    asked = kernels.machine_kernel(np.array([1]), rows, among=False, partial=True)
-    np.testing.assert_array_equal(asked[0, 6:9], kernels.straight[1, 1, rows])
-    np.testing.assert_array_equal(asked[0, 9:], kernels.crossed[1, 1, rows])
-    # A training view as a query has the products that it has among the training views.
-    again = kernels.machine_kernel(rows, rows.copy(), among=False, partial=True)
-    np.testing.assert_array_equal(again, among[:3])
-    np.testing.assert_array_equal(
-        kernels.machine_kernel(rows, rows, among=True, partial=False), among[:6, :6]
-    )
+    np.testing.assert_array_equal(kernels.with_mirrored(rows, rows), among[:3])
+
+
+def test_a_part_without_copies_counts_them_as_their_views():
+    known = ViewComparison(np.eye(2))
+    with_copies = ViewComparison(np.arange(16.0).reshape(4, 4))
+    fused = fused_comparison([known, with_copies], [1.0, 3.0])
+    np.testing.assert_allclose(fused.kernel, (np.tile(np.eye(2), (2, 2)) + 3 * with_copies.kernel) / 4)
+    asked = fused_comparison([ViewComparison(np.ones((3, 2))), ViewComparison(np.zeros((3, 4)))], [1.0, 1.0])
+    np.testing.assert_array_equal(asked.kernel, np.full((3, 4), 0.5))
 
 
 def test_the_row_without_partial_copies_does_not_depend_on_them(crops, monkeypatch):

@@ -132,7 +132,7 @@ class EncodedRecogniser(EncodedMethod):
 
     The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
     used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds. With
-    ``partial`` the machine learns from partly hidden copies of the training views too.
+    ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too.
     """
 
     def __init__(
@@ -175,8 +175,13 @@ class EncodedRecogniser(EncodedMethod):
             nearer = self.comparisons.codes().nearer()
             return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
         surfaces: SurfaceKernels = getattr(self.comparisons, part)()
-        machine = surfaces.machine_kernel(rows, train, among=rows is train, partial=self._partial)
-        return ViewComparison(surfaces.summed()[grid], (surfaces.nearer()[grid],), machine)
+        among = rows is train
+        known = {"among": among, "partial": self._partial}
+        return ViewComparison(
+            surfaces.summed(rows, train, **known),
+            (surfaces.nearer(rows, train, **known),),
+            surfaces.with_mirrored(rows, train, among=among),
+        )
 
 
 def distance_features(

@@ -55,6 +55,14 @@ class ViewFeatures:
     def _surfaces(self) -> tuple[Float32Array | None, ...]:
         return self.surface, self.mirrored_surface, self.partial, self.mirrored_partial
 
+    def _with_copies(self) -> tuple[Float32Array, Float32Array]:
+        """Surface vectors of the views, then of their partial copies, and those of their mirror images."""
+        straight, mirrored = (
+            np.concatenate([rows for rows in pair if rows is not None])
+            for pair in ((self.surface, self.partial), (self.mirrored_surface, self.mirrored_partial))
+        )
+        return straight, mirrored
+
     def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
         """Some of the views."""
         surfaces = (None if array is None else array[rows] for array in self._surfaces())
@@ -68,11 +76,10 @@ class ViewFeatures:
         if self.surface is not None and self.mirrored_surface is not None:
             if stored.surface is None or stored.mirrored_surface is None:
                 raise DataError("views: expected stored views with surface vectors, got some without")
-            kernel, nearest = _mirrored_kernel(
-                self.surface, self.mirrored_surface, stored.surface, stored.mirrored_surface
-            )
-            known = np.concatenate([rows for rows in stored._surfaces() if rows is not None])
+            known = np.concatenate([stored.surface, stored.mirrored_surface])
             machine = (known if self is stored else self.surface) @ known.T
+            views = self._with_copies() if self is stored else (self.surface, self.mirrored_surface)
+            kernel, nearest = _mirrored_kernel(*views, *(views if self is stored else stored._with_copies()))
             parts.append(ViewComparison(kernel, (nearest,), machine))
             shares.append(KERNEL_SHARES["surfaces"])
         return fused_comparison(parts, shares)

@@ -27,49 +27,64 @@ class SurfaceKernels:
 
     First of views with views, then of views with partial copies of views, then of copies with copies. straight: as they
     are. crossed: with the mirror images of the second ones; equal to ``straight`` where the preset does not mirror.
+    both: of the sums of each one's vector and its mirror image's.
     """
 
     straight: Float32Array
     crossed: Float32Array
+    both: Float32Array
 
     def __post_init__(self) -> None:
-        for array in (self.straight, self.crossed):
+        for array in (self.straight, self.crossed, self.both):
             array.setflags(write=False)
 
-    def summed(self) -> Float32Array:
-        """Kernel (n, n) of the sums of a view's vector and its mirror image's, of unit length."""
-        kernel = self.straight[0] + self.crossed[0]
-        lengths = np.sqrt(np.maximum(np.diag(kernel), 1e-12))
-        return np.asarray(kernel / lengths[:, None] / lengths)
-
-    def nearer(self) -> Float32Array:
-        """One minus the cosine (n, n), of the nearer of a view and its mirror image."""
-        return np.asarray(np.maximum(1.0 - np.maximum(self.straight[0], self.crossed[0]), 0.0))
-
-    def machine_kernel(
-        self, rows: IndexArray, stored: IndexArray, *, among: bool, partial: bool
+    def summed(
+        self, rows: IndexArray, stored: IndexArray, *, among: bool = False, partial: bool = False
     ) -> Float32Array:
+        """Kernel of the sums of a view's vector and its mirror image's, of unit length: ``rows`` with ``stored``.
+
+        partial: then with the partial copies of ``stored``. among: the rows of the copies follow; ``rows`` are then
+        ``stored``.
+        """
+        kernels = self.both if partial else self.both[:1]
+        # Of views, and of copies: the first and the last of three.
+        lengths = [np.sqrt(np.maximum(np.diag(kernels[n]), 1e-12)) for n in (0, -1)]
+        blocks = [
+            kernel[np.ix_(rows, stored)] / first[rows, None] / second[stored]
+            for kernel, first, second in zip(
+                kernels,
+                (lengths[0], lengths[0], lengths[1]),
+                (lengths[0], lengths[1], lengths[1]),
+                strict=False,
+            )
+        ]
+        return _joined(blocks, among)
+
+    def nearer(
+        self, rows: IndexArray, stored: IndexArray, *, among: bool = False, partial: bool = False
+    ) -> Float32Array:
+        """One minus the cosine, of the nearer of a view and its mirror image; arguments as ``summed`` has them."""
+        grid = (slice(None if partial else 1), *np.ix_(rows, stored))
+        cosine = np.maximum(self.straight[grid], self.crossed[grid])
+        return _joined(np.maximum(1.0 - cosine, 0.0), among)
+
+    def with_mirrored(self, rows: IndexArray, stored: IndexArray, *, among: bool = False) -> Float32Array:
         """Products of views ``rows`` with views ``stored`` and their mirror images.
 
-        partial: then also with the partial copies of ``stored`` and theirs. among: the rows of all these follow in the
-        same order; ``rows`` are then ``stored``.
+        among: the rows of the mirror images follow; ``rows`` are then ``stored``.
         """
-        whole = self._with_mirrored(0, rows, stored, among)
-        if not partial:
-            return whole
-        across = self._with_mirrored(1, rows, stored, among)
-        if not among:
-            return np.concatenate([whole, across], axis=1)
-        rows_of_copies = np.concatenate([across.T, self._with_mirrored(2, rows, stored, among)], axis=1)
-        return np.concatenate([np.concatenate([whole, across], axis=1), rows_of_copies])
-
-    def _with_mirrored(self, number: int, rows: IndexArray, stored: IndexArray, among: bool) -> Float32Array:
-        straight, crossed = (kernel[number][np.ix_(rows, stored)] for kernel in (self.straight, self.crossed))
-        upper = np.concatenate([straight, crossed], axis=1)
-        if not among:
-            return upper
+        straight, crossed = (kernel[0][np.ix_(rows, stored)] for kernel in (self.straight, self.crossed))
         # What two mirror images have in common is what the views have.
-        return np.concatenate([upper, np.concatenate([crossed, straight], axis=1)])
+        return _joined([straight, crossed, straight], among)
+
+
+def _joined(blocks: Sequence[Float32Array] | Float32Array, among: bool) -> Float32Array:
+    """Blocks of first with first, first with second and second with second, as one symmetric matrix or its top."""
+    if len(blocks) == 1:
+        return blocks[0]
+    first, across, second = blocks
+    top = np.concatenate([first, across], axis=1)
+    return np.concatenate([top, np.concatenate([across.T, second], axis=1)]) if among else top
 
 
 class SurfaceComparisons:
@@ -96,10 +111,11 @@ class SurfaceComparisons:
             self._images = images
         chosen = [self._sums[is_size] for is_size in self._sums if sized or not is_size]
         count = np.float32(sum(n for _, n in chosen))
-        straight = np.asarray(sum(kernels.straight for kernels, _ in chosen) / count)
-        if not mirror:
-            return SurfaceKernels(straight, straight)
-        return SurfaceKernels(straight, np.asarray(sum(kernels.crossed for kernels, _ in chosen) / count))
+        straight, crossed, both = (
+            np.asarray(sum(getattr(kernels, name) for kernels, _ in chosen) / count)
+            for name in ("straight", "crossed", "both")
+        )
+        return SurfaceKernels(straight, crossed, both) if mirror else SurfaceKernels(*[straight] * 3)
 
     def _describe(self, images: Sequence[RangeImage], progress: Progress | None) -> None:
         words = SurfaceWords.load() if self._words is None else self._words
@@ -111,7 +127,11 @@ class SurfaceComparisons:
             before = self._sums.get(kind == SIZE)
             if before is not None:
                 summed, count = before
-                kernels = SurfaceKernels(summed.straight + kernels.straight, summed.crossed + kernels.crossed)
+                kernels = SurfaceKernels(
+                    summed.straight + kernels.straight,
+                    summed.crossed + kernels.crossed,
+                    summed.both + kernels.both,
+                )
             self._sums[kind == SIZE] = kernels, 1 if before is None else count + 1
 
 
@@ -121,7 +141,9 @@ def _kernels(
     pairs = ((views, views), (views, copies), (copies, copies))
     straight = np.stack([first[0] @ second[0].T for first, second in pairs])
     crossed = np.stack([first[0] @ second[1].T for first, second in pairs])
+    # By sums, not by adding products up: the discriminant needs them positive semi-definite.
+    both = np.stack([(first[0] + first[1]) @ (second[0] + second[1]).T for first, second in pairs])
     for number in (0, 2):
         # Equal but for rounding: mirroring both changes nothing.
         crossed[number] = np.float32(0.5) * (crossed[number] + crossed[number].T)
-    return SurfaceKernels(straight, crossed)
+    return SurfaceKernels(straight, crossed, both)
