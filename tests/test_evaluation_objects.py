@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.object_methods import PrecomputedDistanceMethod
-from depthprint.evaluation.object_queries import hide_part, turn_queries
+from depthprint.evaluation.object_queries import turn_queries
 from depthprint.evaluation.object_splits import (
     category_folds,
     instance_split,
@@ -18,6 +18,7 @@ from depthprint.evaluation.object_splits import (
 )
 from depthprint.evaluation.objects import ObjectProtocol, evaluate_objects, paired_difference
 from depthprint.evaluation.report import metric_rows, object_report, object_rows, results_table
+from depthprint.partial_views import hide_part
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from depthprint.errors import DataError, ModelError
+from depthprint.io.archive import read_archive, write_archive
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.recogniser_calibration import Calibration, calibrate
+from depthprint.recogniser_file import FORMAT, FORMAT_VERSION
 from depthprint.simulation.objects import simulated_objects
 from depthprint.trained_recogniser import TrainedRecogniser
 
@@ -90,6 +92,28 @@ def test_a_damaged_or_another_file_is_refused(recogniser, tmp_path):
     model = recogniser.encoder.save(tmp_path / "encoder")
     with pytest.raises(ModelError, match=r"encoder\.npz.*recogniser"):
         TrainedRecogniser.load(model)
+
+
+def test_a_file_of_the_version_before_is_refused(recogniser, tmp_path):
+    header, arrays = read_archive(recogniser.save(tmp_path / "mine"), "recogniser", FORMAT, FORMAT_VERSION)
+    write_archive(tmp_path / "old.npz", header | {"version": 2}, arrays)
+    with pytest.raises(ModelError, match=r"old\.npz: expected 'depthprint recogniser' version 3, got .* 2"):
+        TrainedRecogniser.load(tmp_path / "old.npz")
+
+
+def test_partial_copies_of_the_views_are_learned_from(recogniser):
+    stored = recogniser.stored.views
+    # Copies are near the views that they are of, and not the same.
+    alike = (stored.surface * stored.partial).sum(axis=1)
+    assert alike.max() < 0.999
+    across = stored.surface @ stored.partial.T
+    assert np.mean(across.argmax(axis=1) == np.arange(len(stored))) > 0.5
+    some = stored.taken(np.array([1, 3]))
+    np.testing.assert_array_equal(some.mirrored_partial, stored.mirrored_partial[[1, 3]])
+    assert some.compared_with(some).kernel.shape == (4, 4)
+    found = some.compared_with(stored)
+    assert found.kernel.shape == (2, 2 * len(stored))
+    assert [distances.shape[1] for distances in found.distances] == [len(stored), 2 * len(stored)]
 
 
 def test_what_cannot_be_learned_from_is_refused(views):

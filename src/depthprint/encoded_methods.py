@@ -9,11 +9,12 @@ import numpy.typing as npt
 
 from depthprint.classification import NearestComplexityClassifier, class_distances
 from depthprint.errors import DataError, SettingsError
-from depthprint.object_comparisons import ObjectComparisons, SurfaceKernels
+from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures
 from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser, ViewComparison, fused_comparison
 from depthprint.range_image import RangeImage
+from depthprint.surface_comparisons import SurfaceKernels
 
 __all__ = ["ALL_PARTS", "EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
 
@@ -130,17 +131,24 @@ class EncodedRecogniser(EncodedMethod):
     """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
 
     The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
-    used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds.
+    used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds. With
+    ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too.
     """
 
     def __init__(
-        self, name: str, comparisons: ObjectComparisons, *, parts: Sequence[str] = ALL_PARTS
+        self,
+        name: str,
+        comparisons: ObjectComparisons,
+        *,
+        parts: Sequence[str] = ALL_PARTS,
+        partial: bool = True,
     ) -> None:
         unknown = sorted(set(parts) - set(_KINDS_OF_PARTS))
         if unknown or not parts:
             raise SettingsError(f"method {name!r}: expected parts of {list(_KINDS_OF_PARTS)}, got {unknown}")
         super().__init__(name, comparisons, [kind for part in parts for kind in _KINDS_OF_PARTS[part]])
         self._parts = tuple(parts)
+        self._partial = partial
 
     def scores(
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
@@ -167,8 +175,13 @@ class EncodedRecogniser(EncodedMethod):
             nearer = self.comparisons.codes().nearer()
             return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
         surfaces: SurfaceKernels = getattr(self.comparisons, part)()
-        machine = surfaces.with_mirrored(rows, train, both=rows is train)
-        return ViewComparison(surfaces.summed()[grid], (surfaces.nearer()[grid],), machine)
+        among = rows is train
+        known = {"among": among, "partial": self._partial}
+        return ViewComparison(
+            surfaces.summed(rows, train, **known),
+            (surfaces.nearer(rows, train, **known),),
+            surfaces.with_mirrored(rows, train, among=among),
+        )
 
 
 def distance_features(

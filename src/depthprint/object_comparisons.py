@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -21,91 +20,12 @@ from depthprint.object_distances import (
 )
 from depthprint.object_kernels import code_features
 from depthprint.range_image import RangeImage
-from depthprint.surface_words import SurfaceWords
+from depthprint.surface_comparisons import SurfaceComparisons, SurfaceKernels
 
-__all__ = ["ObjectComparisons", "SurfaceComparisons", "SurfaceKernels"]
+__all__ = ["ObjectComparisons"]
 
 Progress = Callable[[int, int], None]
-IndexArray = npt.NDArray[np.int64]
-Float32Array = npt.NDArray[np.float32]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class SurfaceKernels:
-    """Inner products of the views' surface vectors, (n, n) each, read-only.
-
-    straight: of views. crossed: of views with mirror images of views; equal to ``straight`` where the preset does not
-    mirror.
-    """
-
-    straight: Float32Array
-    crossed: Float32Array
-
-    def __post_init__(self) -> None:
-        for array in (self.straight, self.crossed):
-            array.setflags(write=False)
-
-    def summed(self) -> Float32Array:
-        """Kernel of the sums of a view's vector and its mirror image's, of unit length."""
-        kernel = self.straight + self.crossed
-        lengths = np.sqrt(np.maximum(np.diag(kernel), 1e-12))
-        return np.asarray(kernel / lengths[:, None] / lengths)
-
-    def nearer(self) -> Float32Array:
-        """One minus the cosine, of the nearer of a view and its mirror image."""
-        return np.asarray(np.maximum(1.0 - np.maximum(self.straight, self.crossed), 0.0))
-
-    def with_mirrored(self, rows: IndexArray, stored: IndexArray, both: bool) -> Float32Array:
-        """Products of views ``rows`` with views ``stored`` and their mirror images.
-
-        both: the rows of their own mirror images follow.
-        """
-        straight, crossed = (kernel[np.ix_(rows, stored)] for kernel in (self.straight, self.crossed))
-        upper = np.concatenate([straight, crossed], axis=1)
-        if not both:
-            return upper
-        # What two mirror images have in common is what the views have.
-        return np.concatenate([upper, np.concatenate([crossed, straight], axis=1)])
-
-
-class SurfaceComparisons:
-    """Kernels of the views' surfaces, which encoders have no part in: one object may serve several of them."""
-
-    def __init__(self, words: SurfaceWords | None = None) -> None:
-        self._words = words
-        self._images: Sequence[RangeImage] | None = None
-        self._kernels: dict[tuple[str, bool], SurfaceKernels] = {}
-
-    def kernels(
-        self,
-        images: Sequence[RangeImage],
-        *,
-        mirror: bool,
-        without: str = "",
-        progress: Progress | None = None,
-    ) -> SurfaceKernels:
-        """Kernels of all kinds of descriptors or all but one; those of the images given last are remembered."""
-        if images is not self._images:
-            self._images = images
-            self._kernels.clear()
-        if self._words is None:
-            self._words = SurfaceWords.load()
-        kinds = [kind for kind in self._words.vocabularies if kind != without]
-        for kind in kinds:
-            if (kind, mirror) not in self._kernels:
-                straight, mirrored = self._words.only(kind).features(images, mirror=mirror, progress=progress)
-                crossed = straight @ mirrored.T
-                # Equal but for rounding: mirroring both changes nothing.
-                self._kernels[kind, mirror] = SurfaceKernels(
-                    straight @ straight.T, np.float32(0.5) * (crossed + crossed.T)
-                )
-        chosen = [self._kernels[kind, mirror] for kind in kinds]
-        straight, crossed = (
-            np.asarray(np.mean([getattr(k, name) for k in chosen], axis=0), dtype=np.float32)
-            for name in ("straight", "crossed")
-        )
-        return SurfaceKernels(straight, crossed)
 
 
 class ObjectComparisons:
@@ -169,15 +89,13 @@ class ObjectComparisons:
 
     def sizeless(self) -> SurfaceKernels:
         """Kernels of the views' surfaces, the size kind left out."""
-        return self._once("sizeless", lambda: self._surface_kernels("size"))
+        return self._once("sizeless", lambda: self._surface_kernels(sized=False))
 
-    def _surface_kernels(self, without: str = "") -> SurfaceKernels:
+    def _surface_kernels(self, sized: bool = True) -> SurfaceKernels:
         if self._images is None:
             raise DataError("ObjectComparisons: expected prepare() to be called first")
         mirror = self.encoder.settings.mirror
-        return self.shared_surfaces.kernels(
-            self._images, mirror=mirror, without=without, progress=self._progress
-        )
+        return self.shared_surfaces.kernels(self._images, mirror=mirror, sized=sized, progress=self._progress)
 
     def _once(self, kind: str, compute: Callable[[], T]) -> T:
         if kind not in self._done:

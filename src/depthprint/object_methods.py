@@ -16,10 +16,11 @@ from depthprint.object_ablations import (
     without_mirror,
     without_root,
 )
-from depthprint.object_comparisons import ObjectComparisons, SurfaceComparisons
+from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.range_image import RangeImage
+from depthprint.surface_comparisons import SurfaceComparisons
 
 __all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods", "table_methods"]
 
@@ -79,6 +80,12 @@ def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
 
 def _part_left_out(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, encoder, _PARTS_WITHOUT[name])
+
+
+def _no_partial(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedRecogniser
+
+    return EncodedRecogniser(name, ObjectComparisons(encoder), partial=False)
 
 
 def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
@@ -155,6 +162,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "no-size": _part_left_out,
     "no-codes": _part_left_out,
     "only-codes": _part_left_out,
+    "no-partial": _no_partial,
     "no-coding": _no_coding,
     "random-patches": _random_patches,
     "no-mirror": _no_mirror,

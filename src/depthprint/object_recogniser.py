@@ -30,9 +30,10 @@ KERNEL_SHARES = {"codes": 2.0, "complexities": 1.0, "surfaces": 4.0, "sizeless":
 class ViewComparison:
     """How views (m) compare with the stored views (n).
 
-    kernel: (m, n) of the discriminant. distances: (m, n) matrices of the nearest-neighbour terms, one each.
-    machine_kernel: (m, k n) inner products for the support vector machine, k = 2 where mirror images of the stored
-    views train too and follow them, else 1; among the stored views (k n, k n). None where there is no machine.
+    kernel: (m, k n) of the discriminant. distances: (m, k n) matrices of the nearest-neighbour terms, one each.
+    machine_kernel: (m, k n) inner products for the support vector machine, None where there is no machine.
+    k is 1, or more where further copies of the stored views (mirrored, partly hidden) are learned from: all first
+    copies follow the views, then all second ones. Among the stored views all are (k n, k n).
     """
 
     kernel: npt.NDArray[np.floating[Any]]
@@ -42,12 +43,21 @@ class ViewComparison:
 
 def fused_comparison(parts: Sequence[ViewComparison], shares: Sequence[float]) -> ViewComparison:
     """Weighted mean of the kernels, all matrices of distances, and the machine's kernel of the part that has one."""
+    # A copy of a view that one part knows is for the others the view itself.
+    widest = max((p.kernel for p in parts), key=np.size)
     kernel = sum(
-        share * np.asarray(p.kernel, dtype=np.float64) for p, share in zip(parts, shares, strict=True)
+        share * _repeated(np.asarray(p.kernel, dtype=np.float64), widest.shape)
+        for p, share in zip(parts, shares, strict=True)
     )
     machine = next((p.machine_kernel for p in parts if p.machine_kernel is not None), None)
     distances = tuple(matrix for p in parts for matrix in p.distances)
     return ViewComparison(np.asarray(kernel) / sum(shares), distances, machine)
+
+
+def _repeated(kernel: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    if kernel.shape == shape:
+        return kernel
+    return np.tile(kernel, (shape[0] // len(kernel), shape[1] // kernel.shape[1]))
 
 
 class FusedRecogniser:
@@ -87,15 +97,16 @@ class FusedRecogniser:
 
         multipliers: (k n, c) of a machine learned before from the same; None learns them.
         """
-        self._discriminant.fit(stored.kernel, labels)
-        m = min(self._local_scaling, len(self._discriminant.weights) - 1)
+        known = np.asarray(labels)
+        self._discriminant.fit(stored.kernel, _for_copies(known, stored.kernel))
+        m = min(self._local_scaling, len(known) - 1)
         self._nearest = [
-            NearestComplexityClassifier(local_scaling=m).fit(distances, labels)
+            NearestComplexityClassifier(local_scaling=m).fit(distances, _for_copies(known, distances))
             for distances in stored.distances
         ]
         self.multipliers = multipliers
         if stored.machine_kernel is not None and multipliers is None:
-            self.multipliers = _machine_multipliers(stored.machine_kernel, np.asarray(labels))
+            self.multipliers = _machine_multipliers(stored.machine_kernel, known)
         return self
 
     def scores(self, queries: ViewComparison) -> FloatArray:
@@ -124,8 +135,13 @@ def _machine_multipliers(
 ) -> npt.NDArray[np.float32]:
     from depthprint.baselines.linear_svm import GramSvm
 
-    repeated = np.tile(labels, len(kernel) // len(labels))
-    return GramSvm(MACHINE_C).fit(np.asarray(kernel, dtype=np.float32), repeated).multipliers
+    values = np.asarray(kernel, dtype=np.float32)
+    return GramSvm(MACHINE_C).fit(values, _for_copies(labels, values)).multipliers
+
+
+def _for_copies(labels: npt.NDArray[Any], among: npt.NDArray[np.floating[Any]]) -> npt.NDArray[Any]:
+    """Labels of all rows: those of the views, and again for each further copy of them."""
+    return np.tile(labels, len(among) // max(1, len(labels)))
 
 
 def standardised(scores: FloatArray) -> FloatArray:

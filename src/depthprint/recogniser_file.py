@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+
+SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -55,8 +57,8 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         header["surface_gammas"], words = stored.words.parts()
         arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
         arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
-        arrays["surface"] = np.asarray(stored.views.surface)
-        arrays["mirrored_surface"] = np.asarray(stored.views.mirrored_surface)
+        for kind in SURFACE_ARRAYS:
+            arrays[kind] = np.asarray(getattr(stored.views, kind))
         arrays["multipliers"] = np.asarray(recogniser.multipliers)
     for number in range(len(encoder.settings.streams)):
         batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])
@@ -86,8 +88,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
                 arrays["straight"],
                 arrays["mirrored"],
                 arrays["landmark"],
-                surface=arrays.get("surface"),
-                mirrored_surface=arrays.get("mirrored_surface"),
+                *(arrays.get(kind) for kind in SURFACE_ARRAYS),
             ),
             words=_surface_words(header["surface_gammas"], arrays),
             surface_directions=arrays["surface_directions"].astype(np.float32)

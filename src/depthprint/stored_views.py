@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from depthprint.errors import DataError
 from depthprint.object_distances import compare_complexities
 from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings, unit_rows
 from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_comparison
+from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.surface_words import SurfaceWords
 
@@ -31,7 +32,8 @@ class ViewFeatures:
 
     straight, mirrored: unit pooled codes along the leading directions; ``mirrored`` equals ``straight`` where the
     preset does not mirror. landmark: unit features of the information distance to the landmarks. surface,
-    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared.
+    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared. partial,
+    mirrored_partial: those of partly hidden copies of the views, where these are learned from.
     """
 
     straight: Float32Array
@@ -39,24 +41,32 @@ class ViewFeatures:
     landmark: Float32Array
     surface: Float32Array | None = None
     mirrored_surface: Float32Array | None = None
+    partial: Float32Array | None = None
+    mirrored_partial: Float32Array | None = None
 
     def __post_init__(self) -> None:
-        for array in self._arrays():
+        for array in (self.straight, self.mirrored, self.landmark, *self._surfaces()):
             if array is not None:
                 array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.straight)
 
-    def _arrays(self) -> tuple[Float32Array | None, ...]:
-        return self.straight, self.mirrored, self.landmark, self.surface, self.mirrored_surface
+    def _surfaces(self) -> tuple[Float32Array | None, ...]:
+        return self.surface, self.mirrored_surface, self.partial, self.mirrored_partial
+
+    def _with_copies(self) -> tuple[Float32Array, Float32Array]:
+        """Surface vectors of the views, then of their partial copies, and those of their mirror images."""
+        straight, mirrored = (
+            np.concatenate([rows for rows in pair if rows is not None])
+            for pair in ((self.surface, self.partial), (self.mirrored_surface, self.mirrored_partial))
+        )
+        return straight, mirrored
 
     def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
         """Some of the views."""
-        surface, mirrored = (
-            None if array is None else array[rows] for array in (self.surface, self.mirrored_surface)
-        )
-        return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows], surface, mirrored)
+        surfaces = (None if array is None else array[rows] for array in self._surfaces())
+        return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows], *surfaces)
 
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
@@ -66,11 +76,10 @@ class ViewFeatures:
         if self.surface is not None and self.mirrored_surface is not None:
             if stored.surface is None or stored.mirrored_surface is None:
                 raise DataError("views: expected stored views with surface vectors, got some without")
-            kernel, nearest = _mirrored_kernel(
-                self.surface, self.mirrored_surface, stored.surface, stored.mirrored_surface
-            )
             known = np.concatenate([stored.surface, stored.mirrored_surface])
             machine = (known if self is stored else self.surface) @ known.T
+            views = self._with_copies() if self is stored else (self.surface, self.mirrored_surface)
+            kernel, nearest = _mirrored_kernel(*views, *(views if self is stored else stored._with_copies()))
             parts.append(ViewComparison(kernel, (nearest,), machine))
             shares.append(KERNEL_SHARES["surfaces"])
         return fused_comparison(parts, shares)
@@ -106,16 +115,13 @@ class StoredViews:
         self, encoder: Encoder, encodings: Sequence[Encoding], images: Sequence[RangeImage]
     ) -> ViewFeatures:
         """Bring images, encoded by the same encoder, into the form of the stored views."""
-        surfaces: list[Float32Array] = []
+        surfaces: Sequence[Float32Array] = ()
         if self.words is not None and self.surface_directions is not None:
-            whole = self.words.features(images, mirror=encoder.settings.mirror)
-            surfaces = [unit_rows(rows @ self.surface_directions) for rows in whole]
-        straight = unit_rows(code_vectors(encoder, encodings) @ self.directions)
-        mirrored = straight
-        if encoder.settings.mirror:
-            mirrored = unit_rows(code_vectors(encoder, mirrored_encodings(encodings)) @ self.directions)
-        distances = compare_complexities(encoder, encodings, self.landmarks)
-        return ViewFeatures(straight, mirrored, self.distance_features.of(distances), *surfaces)
+            surfaces = _along(
+                self.surface_directions, self.words.features(images, mirror=encoder.settings.mirror)
+            )
+        codes = _code_features(encoder, encodings, self.directions, self.landmarks, self.distance_features)
+        return ViewFeatures(codes.straight, codes.mirrored, codes.landmark, *surfaces)
 
 
 def store_views(
@@ -129,7 +135,7 @@ def store_views(
 
     Directions are singular vectors of the codes of views and mirror images, and of the surface vectors where
     ``words`` are given (randomised, seeded), rounded to the 16 bits that a file keeps, so that a saved and loaded
-    recogniser gives the same numbers.
+    recogniser gives the same numbers. Partly hidden copies of the views are described for their surfaces alone.
     """
     vectors = code_vectors(encoder, encodings)
     if encoder.settings.mirror:
@@ -138,16 +144,35 @@ def store_views(
     chosen = np.unique(np.linspace(0, len(encodings) - 1, MAX_LANDMARKS).astype(np.int64))
     landmarks = tuple(encodings[int(k)] for k in chosen)
     learned = DistanceFeatures(compare_complexities(encoder, landmarks))
-    empty = np.zeros((0, 0), dtype=np.float32)
-    surface_directions = None
-    if words is not None:
-        surface_directions = _leading_directions(
-            np.concatenate(words.features(images, mirror=encoder.settings.mirror)), seed
-        )
-    unfilled = StoredViews(
-        directions, landmarks, learned, ViewFeatures(empty, empty, empty), words, surface_directions
-    )
-    return replace(unfilled, views=unfilled.describe(encoder, encodings, images))
+    views = _code_features(encoder, encodings, directions, landmarks, learned)
+    if words is None:
+        return StoredViews(directions, landmarks, learned, views)
+    mirror = encoder.settings.mirror
+    whole = words.features(images, mirror=mirror)
+    copies = words.features(partial_copies(images), mirror=mirror)
+    surface_directions = _leading_directions(np.concatenate([*whole, *copies]), seed)
+    surfaces = _along(surface_directions, [*whole, *copies])
+    views = ViewFeatures(views.straight, views.mirrored, views.landmark, *surfaces)
+    return StoredViews(directions, landmarks, learned, views, words, surface_directions)
+
+
+def _code_features(
+    encoder: Encoder,
+    encodings: Sequence[Encoding],
+    directions: Float32Array,
+    landmarks: Sequence[Encoding],
+    distance_features: DistanceFeatures,
+) -> ViewFeatures:
+    straight = unit_rows(code_vectors(encoder, encodings) @ directions)
+    mirrored = straight
+    if encoder.settings.mirror:
+        mirrored = unit_rows(code_vectors(encoder, mirrored_encodings(encodings)) @ directions)
+    distances = compare_complexities(encoder, encodings, landmarks)
+    return ViewFeatures(straight, mirrored, distance_features.of(distances))
+
+
+def _along(directions: Float32Array, vectors: Sequence[Float32Array]) -> list[Float32Array]:
+    return [unit_rows(rows @ directions) for rows in vectors]
 
 
 def _leading_directions(vectors: Float32Array, seed: int) -> Float32Array:

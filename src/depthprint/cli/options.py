@@ -133,7 +133,7 @@ Trials = Annotated[
     ),
 ]
 Quick = Annotated[
-    bool, typer.Option("--quick", help="Every fourth category, one view a turn: minutes, not results.")
+    bool, typer.Option("--quick", help="Every eighth category, one view a turn: minutes, not results.")
 ]
 
 

@@ -13,7 +13,7 @@ from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.metrics import Interval
 from depthprint.evaluation.object_methods import ObjectMethod, ScoringMethod
-from depthprint.evaluation.object_queries import hide_part, turn_queries
+from depthprint.evaluation.object_queries import turn_queries
 from depthprint.evaluation.object_splits import (
     category_folds,
     instance_split,
@@ -21,6 +21,7 @@ from depthprint.evaluation.object_splits import (
     random_trials,
     select_views,
 )
+from depthprint.partial_views import hide_part
 
 __all__ = [
     "OBJECT_PROTOCOL",

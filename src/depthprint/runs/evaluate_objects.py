@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["ObjectQueries", "run_evaluate_objects"]
 
 PUBLISHED_TRIALS = "testinstance_ids.txt"
-QUICK_CATEGORIES = 4
+QUICK_CATEGORIES = 8
 SHOWN_QUERIES = 4
 SHOWN_NEIGHBOURS = 5
 
@@ -33,7 +33,7 @@ class ObjectQueries:
 
     frames: these views of each turn only. every: of each turn's frames 1, 2, 3, ... each n-th. views: views a query.
     hidden: share of each query's object that is hidden. trials: random trials, 0 for every object once. quick: every
-    fourth category and the first view of each turn.
+    eighth category and the first view of each turn.
     """
 
     frames: Sequence[int] | None = None
@@ -134,7 +134,7 @@ def _protocol(root: Path, objects: ObjectSet, queries: ObjectQueries) -> ObjectP
 
 
 def _subset(objects: ObjectSet, queries: ObjectQueries) -> tuple[ObjectSet, Sequence[int]]:
-    """Every fourth category, and as few views of each turn as a query needs."""
+    """Every eighth category, and as few views of each turn as a query needs."""
     kept = sorted({view.category for view in objects.views})[::QUICK_CATEGORIES]
     views = [view for view in objects.views if view.category in kept]
     return replace(objects, views=views), sorted({view.frame for view in views})[: queries.views]
