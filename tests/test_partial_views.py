@@ -93,8 +93,8 @@ def test_copies_follow_the_views_that_they_are_of(kernels):
     rows = np.array([0, 2, 3])
     for compared in (kernels.summed, kernels.nearer):
         among = compared(rows, rows, among=True, partial=True)
+        assert among.shape == (6, 6)
         np.testing.assert_allclose(among, among.T, atol=1e-6)
-        np.testing.assert_array_equal(among, among.T)
         # A training view as a query compares as it does among the training views.
         np.testing.assert_allclose(compared(rows, rows, partial=True), among[:3], atol=1e-6)
         np.testing.assert_allclose(compared(rows, rows, among=True), among[:3, :3], atol=1e-6)
