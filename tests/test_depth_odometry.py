@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from depthprint.range_image import RangeImage
-from depthprint.recognizer import PlaceMatch
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verified_recognizer import VerifiedRecognizer
+from place_doubles import Told
 from test_verification import ROW, block_world, pose_at, pose_error
 
 STEP_M = 0.9
@@ -67,33 +67,10 @@ def test_nothing_precedes_the_first_view():
     assert DepthOdometry(GeometricVerifier()).pose_of_next(0, make_depth_view(frame(0.0))) is None
 
 
-class Stubborn:
-    """Proposes one place whatever it is asked."""
-
-    def __init__(self, place: int):
-        self.place, self.stored = place, 0
-
-    def fit(self, images):
-        return self
-
-    def describe(self, image):
-        return None
-
-    def add(self, description):
-        self.stored += 1
-        return self.stored - 1
-
-    def query(self, description, k=1, limit=None):
-        return [PlaceMatch(self.place, 0.5)]
-
-    def distance(self, first, second):
-        return 0.5
-
-
 @pytest.mark.parametrize("track", [True, False])
 def test_tracking_finds_places_that_nobody_proposes(track):
     # Ten places along a street; then a return to the second, and on by steps that skip places.
-    recognizer = VerifiedRecognizer(Stubborn(1), climb=False, consistency=0, track=track)
+    recognizer = VerifiedRecognizer(Told(1), climb=False, consistency=0, track=track)
     for i in range(10):
         recognizer.add(recognizer.describe(frame(STEP_M * i)))
     named = []

@@ -11,6 +11,7 @@ from depthprint.recognizer import PlaceMatch
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
 from depthprint.verified_recognizer import VerifiedRecognizer
+from place_doubles import Told
 from test_depth_odometry import STEP_M, frame, true_pose
 from test_verification import block_world
 
@@ -83,29 +84,9 @@ def test_places_in_view_begin_with_the_nearest():
     assert nothing.places_in_view(query, views, 5, 2, 2) == {}
 
 
-class Named:
-    """Proposes the place that it is told next."""
-
-    def __init__(self):
-        self.stored, self.next = 0, 0
-
-    def fit(self, images):
-        return self
-
-    def describe(self, image):
-        return None
-
-    def add(self, description):
-        self.stored += 1
-        return self.stored - 1
-
-    def query(self, description, k=1, limit=None):
-        return [PlaceMatch(self.next, 0.2)]
-
-
 @pytest.mark.parametrize("driven", [True, False])
 def test_weak_match_is_accepted_where_a_match_before_leads_to_it(driven):
-    inner = Named()
+    inner = Told()
     recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, track=True)
 
     def described(x: float, needed: float):
@@ -124,12 +105,12 @@ def test_weak_match_is_accepted_where_a_match_before_leads_to_it(driven):
     for i in range(4):
         recognizer.add(described(STEP_M * i, 1.0 if i == 1 else 0.3))
     if driven:
-        inner.next = 3
+        inner.place = 3
         first = described(STEP_M * 3 + 0.1, 0.3)
         assert recognizer.query(first, limit=4)[0].verification.accepted
         recognizer.add(first)
         recognizer.add(described(STEP_M * 2, 0.3))
-    inner.next = 1
+    inner.place = 1
     found = recognizer.query(described(STEP_M + 0.3, 0.3), k=9, limit=2)
     second = next(match for match in found if match.place == 1)
     assert second.verification is not None
@@ -148,11 +129,11 @@ def test_further_proposals_are_checked_only_where_none_was_accepted():
             calls.append(limit)
             return [PlaceMatch(0, 0.5, shift=0.0)]
 
-        inner = Named()
+        inner = Told()
         recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, further=further)
         for world in (3, 8):
             recognizer.add(recognizer.describe(frame(0.0, world=block_world(world))))
-        inner.next = first
+        inner.place = first
         best = recognizer.query(recognizer.describe(frame(0.2)), limit=2)[0]
         assert (best.place, best.verification.accepted) == (0, True)
         assert bool(calls) == asked

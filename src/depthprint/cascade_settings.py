@@ -20,7 +20,7 @@ class CascadeSettings:
     turned: so many places of a forward view, seen under a heading that the distances do not reach, are checked where
         no other was accepted.
     climb: a checked place is exchanged for a neighbour of greater overlap.
-    consistency: places next to the previous frames' matches are checked too, and need less overlap.
+    consistency: without ``track``, places next to the previous frames' matches are checked too, and need less overlap.
     track: the motion between frames is followed by depth: places that it says are in view are checked first, and
         matches that earlier frames lead to expect need less agreement and count for more.
     Raises SettingsError for values out of range, or without any distance.

@@ -146,7 +146,7 @@ class VerifiedRecognizer:
         return checks.ranked()[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
-        """1 - agreement / (1 + d) where the pair passes the check, else 1 + d / (1 + d), of the inner distance d."""
+        """As a place's in ``query``, by what this pair alone says: no earlier frame is asked."""
         inner = self.inner.distance(first.inner, second.inner)
         yaw = None if self._columns is not None else 0.0
         found = self._verifier.verify(first.view, second.view, yaw_rad=yaw)

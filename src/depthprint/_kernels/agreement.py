@@ -8,32 +8,12 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LASER_ROW", "PINHOLE", "SPHERICAL", "count_agreement"]
+from depthprint._kernels.pixels import moved_point, seen_by
 
-PINHOLE, SPHERICAL, LASER_ROW = 0, 1, 2
+__all__ = ["count_agreement"]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
-
-
-@nb.njit(cache=True)
-def _pixel(kind: int, camera: Float64, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Column, row and range of a point; a range of -1 for one that no pixel can see."""
-    if kind == PINHOLE:
-        if z <= 1e-6:
-            return 0.0, 0.0, -1.0
-        return camera[0] * x / z + camera[2], camera[1] * y / z + camera[3], z
-    planar = math.sqrt(x * x + y * y)
-    reach = math.sqrt(planar * planar + z * z)
-    if reach <= 1e-6:
-        return 0.0, 0.0, -1.0
-    # camera: azimuth of column 0, azimuth a column, elevation of row 0, elevation a row, middle azimuth
-    turn = math.atan2(y, x) - camera[4]
-    turn -= 2 * math.pi * round(turn / (2 * math.pi))
-    u = (camera[4] + turn - camera[0]) / camera[1]
-    if kind == LASER_ROW:
-        return u, 0.0, reach
-    return u, (math.atan2(z, planar) - camera[2]) / camera[3], reach
 
 
 @nb.njit(cache=True)
@@ -67,29 +47,21 @@ def count_agreement(
         for c in range(4):
             counts[m, c] = 0
         for k in range(len(points)):
-            px, py, pz = float(points[k, 0]), float(points[k, 1]), float(points[k, 2])
-            x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
-            y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
-            z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
-            u, v, r = _pixel(kind, camera, x, y, z)
+            x, y, z = moved_point(pose, float(points[k, 0]), float(points[k, 1]), float(points[k, 2]))
+            row, column, r = seen_by(kind, camera, wraps, height, width, x, y, z)
             weight = np.float64(weights[k])
             weighed += weight
-            column, row = math.floor(u + 0.5), math.floor(v + 0.5)
-            if wraps and column >= width:
-                column -= width
-            if wraps and column < 0:
-                column += width
-            if r < 0 or column < 0 or row < 0 or column >= width or row >= height:
+            if row < 0:
                 counts[m, 3] += 1
                 continue
             allowed = tolerance[0] + tolerance[1] * r + tolerance[2] * r * r
             nearest, seen, confirmed, closest = math.inf, False, False, math.inf
             for dv in range(-neighbours, neighbours + 1):
-                b = int(row) + dv
+                b = row + dv
                 if b < 0 or b >= height:
                     continue
                 for du in range(-neighbours, neighbours + 1):
-                    a = int(column) + du
+                    a = column + du
                     if wraps:
                         a %= width
                     if a < 0 or a >= width:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.agreement import _pixel
+from depthprint._kernels.pixels import moved_point, seen_by
 
 __all__ = ["align_by_projection", "projective_residual", "window_normals"]
 
@@ -145,22 +145,6 @@ def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> No
 
 
 @njit(cache=True, nogil=True)
-def _seen_by(
-    kind: int, camera: Float64, wraps: bool, height: int, width: int, x: float, y: float, z: float
-) -> tuple[int, int, float]:
-    """Row, column and range of the pixel that a point falls on; row -1 where none does."""
-    u, v, r = _pixel(kind, camera, x, y, z)
-    column, row = math.floor(u + 0.5), math.floor(v + 0.5)
-    if wraps and column >= width:
-        column -= width
-    if wraps and column < 0:
-        column += width
-    if r < 0 or column < 0 or row < 0 or column >= width or row >= height:
-        return -1, -1, r
-    return int(row), int(column), r
-
-
-@njit(cache=True, nogil=True)
 def align_by_projection(
     points: Float64,
     normals: Float64,
@@ -195,11 +179,8 @@ def align_by_projection(
             hessian[:] = 0.0
             gradient[:] = 0.0
             for k in range(len(points)):
-                px, py, pz = points[k, 0], points[k, 1], points[k, 2]
-                x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
-                y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
-                z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
-                a, b, r = _seen_by(kind, camera, wraps, height, width, x, y, z)
+                x, y, z = moved_point(pose, points[k, 0], points[k, 1], points[k, 2])
+                a, b, r = seen_by(kind, camera, wraps, height, width, x, y, z)
                 if a < 0:
                     continue
                 there = np.float64(ranges[a, b])
@@ -256,11 +237,8 @@ def projective_residual(
     height, width = ranges.shape
     paired, total = 0, 0.0
     for k in range(len(points)):
-        px, py, pz = points[k, 0], points[k, 1], points[k, 2]
-        x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
-        y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
-        z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
-        row, column, r = _seen_by(kind, camera, wraps, height, width, x, y, z)
+        x, y, z = moved_point(pose, points[k, 0], points[k, 1], points[k, 2])
+        row, column, r = seen_by(kind, camera, wraps, height, width, x, y, z)
         if row < 0:
             continue
         there = np.float64(ranges[row, column])

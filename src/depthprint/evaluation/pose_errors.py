@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.rigid_motion import inverse_pose, rotation_angle
+
 if TYPE_CHECKING:
     from depthprint.evaluation.loops import LoopRecord
 
@@ -31,12 +33,8 @@ def match_pose_error(
     T_match_query: FloatArray, T_world_match: FloatArray, T_world_query: FloatArray
 ) -> tuple[float, float]:
     """Metres and degrees between a relative pose (4, 4) and the one that two known poses give."""
-    off = np.linalg.inv(T_world_query) @ T_world_match @ T_match_query
-    R = off[:3, :3]
-    # Sound for small angles too, where the trace alone is blind.
-    sine = 0.5 * float(np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]))
-    turn = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
-    return float(np.linalg.norm(off[:3, 3])), math.degrees(turn)
+    off = inverse_pose(T_world_query) @ T_world_match @ T_match_query
+    return float(np.linalg.norm(off[:3, 3])), math.degrees(rotation_angle(off))
 
 
 def pose_errors(records: Sequence[LoopRecord]) -> PoseErrors:

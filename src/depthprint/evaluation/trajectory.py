@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.io.poses import check_poses
-from depthprint.pose_graph.graph import inverse_pose
+from depthprint.rigid_motion import inverse_pose, rotation_angle
 
 __all__ = ["RelativeError", "absolute_trajectory_error", "align_trajectory", "relative_pose_error"]
 
@@ -68,8 +68,7 @@ def relative_pose_error(
     motions = [inverse_pose(poses[starts]) @ poses[ends] for poses in (moved, target)]
     errors = inverse_pose(motions[1]) @ motions[0]
     length = arc[ends] - arc[starts]
-    traces = np.trace(errors[:, :3, :3], axis1=1, axis2=2)
-    angles = np.degrees(np.arccos(np.clip((traces - 1) / 2, -1, 1)))
+    angles = np.degrees(rotation_angle(errors))
     shifts = np.linalg.norm(errors[:, :3, 3], axis=1)
     return RelativeError(_rms(shifts / length), _rms(angles / length), len(starts))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from depthprint.pose_graph.g2o import read_g2o, write_g2o
-from depthprint.pose_graph.graph import Edge, EdgeNoise, Node, PoseGraph, graph_from_odometry, inverse_pose
+from depthprint.pose_graph.graph import Edge, EdgeNoise, Node, PoseGraph, graph_from_odometry
 from depthprint.pose_graph.optimization import OptimizedGraph, optimize_pose_graph
+from depthprint.rigid_motion import inverse_pose
 
 __all__ = [
     "Edge",

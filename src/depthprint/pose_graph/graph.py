@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.io.poses import check_poses
+from depthprint.rigid_motion import inverse_pose
 
-__all__ = ["Edge", "EdgeNoise", "MeasuredLoop", "Node", "PoseGraph", "graph_from_odometry", "inverse_pose"]
+__all__ = ["Edge", "EdgeNoise", "MeasuredLoop", "Node", "PoseGraph", "graph_from_odometry"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -178,17 +179,6 @@ def graph_from_odometry(
         for a, b, step in zip(nodes, nodes[1:], steps, strict=False)
     )
     return PoseGraph(nodes, edges)
-
-
-def inverse_pose(T: npt.ArrayLike) -> FloatArray:
-    """Inverse of rigid motions (..., 4, 4)."""
-    T = np.asarray(T, dtype=np.float64)
-    inverse = np.zeros_like(T)
-    R_back = np.swapaxes(T[..., :3, :3], -1, -2)
-    inverse[..., :3, :3] = R_back
-    inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", R_back, T[..., :3, 3])
-    inverse[..., 3, 3] = 1.0
-    return inverse
 
 
 def _pose(T: npt.ArrayLike, name: str) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from depthprint.errors import SettingsError
 from depthprint.io.poses import check_poses
-from depthprint.pose_graph.graph import inverse_pose
+from depthprint.rigid_motion import inverse_pose
 from depthprint.simulation.checks import require_whole
 
 __all__ = ["OdometryNoise", "simulate_odometry"]

@@ -8,6 +8,7 @@ from bisect import bisect_left, bisect_right
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.rigid_motion import inverse_pose
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.verifier import GeometricVerifier, Verification
 
@@ -46,7 +47,7 @@ class DepthOdometry:
             self._poses.append(self._poses[-1] @ step)
             self._chains.append(self._chains[-1])
             self._motion = step
-        self._inverses.append(np.asarray(np.linalg.inv(self._poses[-1]), dtype=np.float64))
+        self._inverses.append(inverse_pose(self._poses[-1]))
         self._positions_m.extend(self._poses[-1][:3, 3])
         self._last = view
 

@@ -47,7 +47,7 @@ class DepthView:
 
     def camera(self) -> tuple[int, npt.NDArray[np.float64], bool]:
         """Kind, parameters and wrapping of the projection, as the agreement kernel takes them."""
-        from depthprint._kernels.agreement import LASER_ROW, PINHOLE, SPHERICAL
+        from depthprint._kernels.pixels import LASER_ROW, PINHOLE, SPHERICAL
 
         p = self.projection
         if isinstance(p, Pinhole):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.verification.depth_view import DepthView
+from depthprint.verification.surface import pixels_of, surface_at
 
 __all__ = ["ProjectiveAligner"]
 
@@ -20,8 +21,7 @@ _QUICK, _QUICK_HAND_HELD, _FINE = (250, 125), (400, 200), (1200, 1000)
 _SHRINK = 0.75
 # Iterations, and the first limit of a pair as a share of the settings': a fine pose starts from a quick one.
 _SEARCH, _POLISH = (12, 1.0), (6, 0.3)
-_EDGE_RATIO = 0.1
-_REACH, _KEPT = 3, 8
+_KEPT = 8
 
 
 class ProjectiveAligner:
@@ -75,26 +75,12 @@ def _image(view: DepthView) -> tuple[int, FloatArray, bool, npt.NDArray[np.float
 
 def _sampled_surface(view: DepthView, n_counted: int, n_of_all: int) -> tuple[FloatArray, FloatArray]:
     """Points and normals (n, 3) of a view: evenly of those that are counted, and of all."""
-    from depthprint._kernels.projective_icp import window_normals
-
-    pixels = np.concatenate([_drawn(_counted_pixels(view), n_counted), _drawn(_pixels(view), n_of_all)])
-    rows, columns = np.divmod(np.unique(pixels), view.ranges_m.shape[1])
-    points, normals = np.empty((len(rows), 3)), np.empty((len(rows), 3))
-    _, _, wraps, ranges_m, directions = _image(view)
-    window_normals(ranges_m, directions, rows, columns, _REACH, _EDGE_RATIO, wraps, points, normals)
+    counted = pixels_of(view.counted, view.ranges_m, view.projection)
+    seen = np.flatnonzero(np.isfinite(view.ranges_m))
+    pixels = np.unique(np.concatenate([_drawn(counted, n_counted), _drawn(seen, n_of_all)]))
+    points, normals = surface_at(pixels, view.ranges_m, view.projection)
     known = normals.any(axis=1)
     return points[known], normals[known]
-
-
-def _pixels(view: DepthView) -> npt.NDArray[np.int64]:
-    return np.flatnonzero(np.isfinite(view.ranges_m))
-
-
-def _counted_pixels(view: DepthView) -> npt.NDArray[np.int64]:
-    height, width = view.ranges_m.shape
-    u, v, _ = view.projection.project(view.counted)
-    column, row = np.round(u).astype(np.int64) % width, np.round(v).astype(np.int64)
-    return np.asarray(np.clip(row, 0, height - 1) * width + column)
 
 
 def _drawn(pixels: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64]:

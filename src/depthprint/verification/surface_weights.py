@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.projection import Projection
+from depthprint.verification.surface import pixels_of, surface_at
 
 __all__ = ["surface_weights"]
 
@@ -13,7 +14,6 @@ __all__ = ["surface_weights"]
 _BEARINGS, _PLANE_M = 12, 1.0
 # A surface with more than this share of the points counts by the square root of its size.
 _SMALL_SHARE = 0.005
-_REACH, _EDGE_RATIO = 3, 0.1
 
 
 def surface_weights(
@@ -24,17 +24,7 @@ def surface_weights(
     A point counts by its range, since near facades and cars look alike everywhere, and less the larger the
     surface is that it lies on: a view of one long wall says little of where it is.
     """
-    from depthprint._kernels.projective_icp import window_normals
-
-    height, width = ranges_m.shape
-    u, v, _ = projection.project(points)
-    columns = np.round(u).astype(np.int64) % width
-    rows = np.clip(np.round(v).astype(np.int64), 0, height - 1)
-    there, normals = np.empty((len(points), 3)), np.empty((len(points), 3))
-    wraps = bool(getattr(projection, "wraps", False))
-    window_normals(
-        ranges_m, projection.directions(), rows, columns, _REACH, _EDGE_RATIO, wraps, there, normals
-    )
+    there, normals = surface_at(pixels_of(points, ranges_m, projection), ranges_m, projection)
     flat = normals @ projection.R_flu_sensor.T
     bearing = np.floor(np.arctan2(flat[:, 1], flat[:, 0]) / (2 * np.pi) * _BEARINGS).astype(np.int64)
     plane = np.floor(np.einsum("nk,nk->n", there, normals) / _PLANE_M).astype(np.int64)

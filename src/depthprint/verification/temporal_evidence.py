@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.rigid_motion import inverse_pose, rotation_angle
 from depthprint.verification.agreement import coarse_overlaps
 from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView
@@ -124,7 +124,6 @@ class TemporalEvidence:
 
 
 def _agree(first: FloatArray, second: FloatArray, slack: float, settings: VerificationSettings) -> bool:
-    apart = np.linalg.inv(first) @ second
+    apart = inverse_pose(first) @ second
     metres = float(np.linalg.norm(apart[:3, 3]))
-    turn = math.acos(min(1.0, max(-1.0, (float(np.trace(apart[:3, :3])) - 1.0) / 2.0)))
-    return metres <= slack * settings.agreeing_m and turn <= slack * settings.agreeing_rad
+    return metres <= slack * settings.agreeing_m and rotation_angle(apart) <= slack * settings.agreeing_rad

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
+from depthprint.rigid_motion import inverse_pose
 from depthprint.verification.agreement import ViewAgreement, coarse_overlaps, thinned, view_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
@@ -148,9 +149,9 @@ class GeometricVerifier:
                 return found
         poses = self._grid(query, yaw_rad)
         overlaps = coarse_overlaps(query, match, poses)
-        order = _spread_best(poses, overlaps, match.settings.refined_starts)
+        order = _spread_best(poses, overlaps, settings.refined_starts)
         best = int(order[0])
-        if overlaps[best] < match.settings.coarse_overlap and not given:
+        if overlaps[best] < settings.coarse_overlap and not given:
             return _refused(poses[best], float(overlaps[best]), "no start brings the views to overlap")
         for start in order:
             glance = self._glance(query, match, poses[start], False)
@@ -169,8 +170,7 @@ class GeometricVerifier:
         """Where a start leads by the quick alignment, and what the views say of it."""
         pose = self._aligner(query).refine(query, match, start)
         there = _seen(query, match, pose, _GLANCED_POINTS)
-        T_query_match = np.asarray(np.linalg.inv(pose), dtype=np.float64)
-        back = _seen(match, query, T_query_match, _GLANCED_POINTS)
+        back = _seen(match, query, inverse_pose(pose), _GLANCED_POINTS)
         agreement = 0.5 * (there.likeness + back.likeness)
         return _Glance(pose, min(there.overlap, back.overlap), agreement, given)
 
@@ -231,7 +231,7 @@ class GeometricVerifier:
         self, query: DepthView, match: DepthView, pose: FloatArray, start: str, seconded: bool
     ) -> Verification:
         there = _seen(query, match, pose)
-        back = _seen(match, query, np.asarray(np.linalg.inv(pose), dtype=np.float64))
+        back = _seen(match, query, inverse_pose(pose))
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
