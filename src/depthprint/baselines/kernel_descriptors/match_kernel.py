@@ -13,9 +13,12 @@ from depthprint.errors import SettingsError
 __all__ = ["MatchKernel", "gaussian_kernel", "grid_basis", "kpca_directions"]
 
 FloatArray = npt.NDArray[np.floating[Any]]
+Float32Array = npt.NDArray[np.float32]
 
 # A product eigenvector that sums to less than this is centred already.
 _CENTRED = 1e-12
+# Directions have a part below this outside the span that is kept of either basis: single precision rounds off more.
+_SPANNED = 1e-6
 
 
 def gaussian_kernel(points: FloatArray, basis: FloatArray, gamma: float) -> FloatArray:
@@ -70,14 +73,18 @@ class MatchKernel:
     """A product basis and the directions that kernel evaluations against it are projected on.
 
     attribute: (a, d) points. spatial: (s, e) points. attribute_gamma, spatial_gamma: widths of the two kernels.
-    directions: (a, s, k) float32, read-only.
+    directions: (a, s, k). Nearly all are products of one eigenvector of either basis, so few of these span them:
+    attribute_span (a, p), spatial_span (s, q) and core (p, q, k) say the same. float32, read-only.
     """
 
     attribute: FloatArray
     spatial: FloatArray
     attribute_gamma: float
     spatial_gamma: float
-    directions: npt.NDArray[np.float32]
+    directions: Float32Array
+    attribute_span: Float32Array
+    spatial_span: Float32Array
+    core: Float32Array
 
     @classmethod
     def build(
@@ -93,12 +100,22 @@ class MatchKernel:
             gaussian_kernel(attribute, attribute, attribute_gamma),
             gaussian_kernel(spatial, spatial, spatial_gamma),
             dims,
-        ).astype(np.float32)
-        for array in (attribute, spatial, directions):
+        )
+        attribute_span, spatial_span = _span(directions), _span(directions.transpose(1, 0, 2))
+        core = np.einsum("ap,sq,ask->pqk", attribute_span, spatial_span, directions, optimize=True)
+        derived = [array.astype(np.float32) for array in (directions, attribute_span, spatial_span, core)]
+        for array in (attribute, spatial, *derived):
             array.setflags(write=False)
-        return cls(attribute, spatial, attribute_gamma, spatial_gamma, directions)
+        return cls(attribute, spatial, attribute_gamma, spatial_gamma, *derived)
 
-    def project(self, sums: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Descriptors (n, k) of sums of kernel evaluations, (n, a, s) float32."""
-        flat = self.directions.reshape(-1, self.directions.shape[2])
+    def project(self, sums: Float32Array) -> Float32Array:
+        """Descriptors (n, k) of sums (n, p, q) float32 of kernel evaluations, each in its basis' span."""
+        flat = self.core.reshape(-1, self.core.shape[2])
         return np.asarray(sums.reshape(len(sums), len(flat)) @ flat)
+
+
+def _span(directions: FloatArray) -> FloatArray:
+    """Orthonormal (n, p) that spans the first axis of directions (n, m, k) up to _SPANNED."""
+    unfolded = directions.reshape(len(directions), -1)
+    squares, vectors = np.linalg.eigh(unfolded @ unfolded.T)
+    return np.asarray(vectors[:, squares > _SPANNED**2 * squares[-1]])
