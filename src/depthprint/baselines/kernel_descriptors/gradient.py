@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, grid_basis
+from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_products, grid_basis
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
 from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patches
 from depthprint.range_image import RangeImage
@@ -57,8 +57,7 @@ def gradient_descriptors(image: RangeImage, masked: bool = False) -> PatchDescri
     """
     depth, _ = depth_and_points(image, PATCH_PX, masked)
     gx, gy, magnitude = depth_gradient(depth)
-    axis = ORIENTATION_AXIS.astype(np.float32)
-    along_x, along_y = (np.exp(-ORIENTATION_GAMMA * (side[..., None] - axis) ** 2) for side in (gx, gy))
-    kernels = (along_x[..., :, None] * along_y[..., None, :]).reshape(-1, len(axis) ** 2)
-    spanned = (kernels @ gradient_kernel().attribute_span).reshape(*depth.shape, -1)
-    return describe_patches(spanned, magnitude, gradient_kernel())
+    kernel = gradient_kernel()
+    orientations = np.stack([gx, gy], axis=-1)
+    kernels = gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span
+    return describe_patches(kernels, magnitude, kernel)

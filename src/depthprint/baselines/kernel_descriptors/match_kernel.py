@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from depthprint.errors import SettingsError
 
-__all__ = ["MatchKernel", "gaussian_kernel", "grid_basis", "kpca_directions"]
+__all__ = ["MatchKernel", "gaussian_kernel", "gaussian_products", "grid_basis", "kpca_directions"]
 
 FloatArray = npt.NDArray[np.floating[Any]]
 Float32Array = npt.NDArray[np.float32]
@@ -25,6 +25,19 @@ def gaussian_kernel(points: FloatArray, basis: FloatArray, gamma: float) -> Floa
     """exp(-gamma ||p - b||^2) of points (n, d) against a basis (m, d): (n, m)."""
     squared = ((points[:, None, :] - basis[None, :, :]) ** 2).sum(-1)
     return np.asarray(np.exp(-gamma * squared))
+
+
+def gaussian_products(points: Float32Array, basis: FloatArray, gamma: float) -> Float32Array:
+    """The kernel of many points (..., d) against a basis (m, d) by one product of matrices: (..., m) float32.
+
+    For points near the basis: what is squared cancels, so far from it the rounding would show.
+    """
+    squares = (points**2).sum(-1, keepdims=True)
+    terms = np.concatenate([squares, points, np.ones_like(squares)], axis=-1)
+    factors = np.vstack([np.ones(len(basis)), -2.0 * basis.T, (basis**2).sum(1)])
+    exponents = terms.reshape(-1, terms.shape[-1]) @ (-gamma * factors).astype(np.float32)
+    np.minimum(exponents, 0.0, out=exponents)
+    return np.exp(exponents, out=exponents).reshape(*points.shape[:-1], len(basis))
 
 
 def grid_basis(*axes: FloatArray) -> FloatArray:
