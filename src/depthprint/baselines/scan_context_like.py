@@ -65,8 +65,7 @@ class ScanContextLikeRecognizer:
         if not len(rows):
             return []
         distances = column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
-        best = distances.argmin(0)
-        return nearest_matches(distances.min(0), k, self._shifts[best].astype(np.float64))
+        return nearest_matches(distances, k, self._shifts.astype(np.float64))
 
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Mean cosine distance of the columns at the best shift."""
