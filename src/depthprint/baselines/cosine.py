@@ -87,7 +87,7 @@ class CosineRecognizer:
             first += grid.size
         with one_blas_thread():
             cosines = rows @ columns.T
-        return 1.0 - np.ascontiguousarray(cosines.T[: len(sectors)])
+        return np.asarray(np.float32(1.0) - np.ascontiguousarray(cosines.T[: len(sectors)]))
 
     def _moved(self, grid: npt.NDArray[np.float32], places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """The grid (w, a) moved by each number of places, (len(places), w, a); what comes in from outside is zero."""
@@ -96,4 +96,4 @@ class CosineRecognizer:
         moved = grid[source % width]
         if not self._wraps:
             moved[(source < 0) | (source >= width)] = 0.0
-        return moved
+        return np.asarray(moved)
