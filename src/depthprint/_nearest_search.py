@@ -20,6 +20,7 @@ from depthprint._signature_store import (
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
+    from depthprint._kernels.codes import CodedQuery
     from depthprint._kernels.sweep import QueryTiles
     from depthprint.signature_index import StreamDistance
 
@@ -30,12 +31,10 @@ IntArray = npt.NDArray[np.int64]
 
 # Bounds are sums in floating point; nothing within rounding of the k-th best is dismissed.
 _ROUNDING = 1.0 + 1e-12
-_FIRST_BATCH, _LARGEST_BATCH = 4, 64
+_FIRST_BATCH = 4
 _SEED_BLOCKS = 2
 _FEW = 64
-_PAIRS_ON_ONE_THREAD = 16
-_FIRST_ROUND = 64
-_BLOCKS_PER_SWEEP = 2048
+_FIRST_ROUND, _LARGEST_ROUND = 64, 1024
 _ITEMS_PER_SCAN = 4096
 
 
@@ -56,6 +55,7 @@ class NearestSearch:
     ) -> None:
         self._streams, self._shifts, self._stores, self._sides = streams, shifts, stores, sides
         self._rules = [pair_rules(s.masses, s.form, s.ground) for s in streams]
+        self._items = [store.items(count) for store in stores]
         self.count = count
         self._best: dict[int, tuple[float, int]] = {}
         self.bounds_computed = 0
@@ -63,39 +63,52 @@ class NearestSearch:
 
     def nearest(self, k: int) -> dict[int, tuple[float, int]]:
         """Best (distance, shift) of items, the k nearest certainly among them."""
+        self._nearest = np.full(max(1, min(k, self.count)), np.inf)
         if self.count <= max(k, _FEW) or not self._summaries_usable():
-            self._decide(np.arange(self.count), np.zeros(self.count), None, k)
+            self._decide(np.arange(self.count), np.zeros(self.count), None)
             return self._best
         self._prepare()
         blocks = self._block_bounds()
         wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
         near = np.argpartition(blocks, wanted - 1)[:wanted]
-        seeds = self._members(near)
-        seed_parts = self._swept_parts(seeds)
-        bounds: FloatArray = np.sum(seed_parts, axis=0)
+        seeds, bounds = self._coded_bounds(near)
         order = np.argsort(bounds, kind="stable")
         tried, left = np.split(order, [max(k, _FIRST_BATCH)])
-        self._decide(seeds[tried], bounds[tried], [part[tried] for part in seed_parts], k)
+        self._decide(seeds[tried], bounds[tried], None)
 
         blocks[near] = np.inf
-        near_enough = np.flatnonzero(blocks <= self._threshold(k))
-        items, parts = seeds[left], [part[left] for part in seed_parts]
-        for start in range(0, len(near_enough), _BLOCKS_PER_SWEEP):
-            some, some_parts = self._sweep(near_enough[start : start + _BLOCKS_PER_SWEEP], self._threshold(k))
-            items = np.concatenate([items, some])
-            parts = [np.concatenate(both) for both in zip(parts, some_parts, strict=True)]
-        bounds = np.sum(parts, axis=0)
+        items, bounds = self._coded_bounds(np.flatnonzero(blocks <= self._threshold()))
+        items = np.concatenate([seeds[left], items[bounds <= self._threshold()]])
+        items.sort()
+        swept = self._swept_parts(items)
+        bounds = swept.sum(axis=0)
         order = np.argsort(bounds, kind="stable")
-        self._decide(items[order], bounds[order], [part[order] for part in parts], k)
+        self._decide(items[order], bounds[order], swept[:, order] if self._sweep_is_whole else None)
         return self._best
 
-    def _sweep(self, blocks: IntArray, threshold: float) -> tuple[IntArray, list[FloatArray]]:
-        """Items of some blocks whose bounds are no more than ``threshold``, and the streams' parts of the bounds."""
-        items = self._members(blocks)
-        items = items[self._item_bounds(items) <= threshold]
-        parts = self._swept_parts(items)
-        kept = np.flatnonzero(np.sum(parts, axis=0) <= threshold)
-        return items[kept], [part[kept] for part in parts]
+    def _coded_bounds(self, blocks: IntArray) -> tuple[IntArray, FloatArray]:
+        """All items of some blocks, and bounds of their distances from 8-bit codes.
+
+        They leave out the positions where there are several shifts, or a circular one.
+        """
+        from depthprint._kernels.codes import sweep_codes
+
+        groups = self._groups(blocks)
+        out = np.zeros((len(groups), ITEMS_PER_GROUP))
+        for s, store in enumerate(self._stores):
+            codes = store.codes.view(np.int32)[..., 0]
+            sweep_codes(
+                self._codes[s], codes, store.scales, store.errors, self._items[s], groups,
+                self._streams[s].weight, self._rules[s], out,
+            )  # fmt: skip
+        items = (groups[:, None] * ITEMS_PER_GROUP + np.arange(ITEMS_PER_GROUP)).ravel()
+        count = np.searchsorted(items, self.count)
+        return items[:count], out.ravel()[:count]
+
+    def _groups(self, blocks: IntArray) -> IntArray:
+        each = ITEMS_PER_BLOCK // ITEMS_PER_GROUP
+        groups: IntArray = (np.sort(blocks)[:, None] * each + np.arange(each)).ravel()
+        return groups[: np.searchsorted(groups * ITEMS_PER_GROUP, self.count)]
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
@@ -124,48 +137,36 @@ class NearestSearch:
                 nearest[rows] = np.minimum(nearest[rows], exact)
         return best
 
-    def _threshold(self, k: int) -> float:
-        if len(self._best) < k:
-            return np.inf
-        distances = [distance for distance, _ in self._best.values()]
-        kth = min(distances) if k == 1 else float(np.partition(distances, k - 1)[k - 1])
-        return kth * _ROUNDING
+    def _threshold(self) -> float:
+        return float(self._nearest[-1]) * _ROUNDING
 
-    def _decide(
-        self, items: IntArray, bounds: FloatArray, swept: Sequence[FloatArray] | None, k: int
-    ) -> None:
+    def _decide(self, items: IntArray, bounds: FloatArray, swept: FloatArray | None) -> None:
         """Exact distances of those items, by rising bound, that may be among the k nearest.
 
-        ``swept``: the streams' weighted parts of the bounds, which need no repeating where they hold all there is.
+        ``swept`` (streams, items): the streams' weighted parts of the bounds, which need no repeating where they
+        hold all there is.
         """
-        start, size = 0, _FIRST_ROUND
-        while start < len(items) and bounds[start] <= self._threshold(k):
-            part = slice(start, start + size)
-            if swept is None or not self._sweep_is_whole:
-                parts = self._relaxed_parts(items[part])
-            else:
-                parts = [whole[part, None] for whole in swept]
-            self._solve_in_bound_order(items[part], parts, k)
-            start, size = start + size, min(2 * size, _ITEMS_PER_SCAN)
+        from depthprint._kernels.decision import StreamPairs, decide
 
-    def _solve_in_bound_order(self, items: IntArray, parts: Sequence[FloatArray], k: int) -> None:
-        flat: FloatArray = np.sum(parts, axis=0).ravel()
-        order = np.argsort(flat, kind="stable")
-        start, size = 0, _FIRST_BATCH
-        while start < len(order):
-            threshold = self._threshold(k)
-            pairs = order[start : start + size]
-            pairs = pairs[flat[pairs] <= threshold]
-            if not len(pairs):
-                return
-            rows, shifts = np.divmod(pairs, len(self._shifts[0]))
-            exact = self._exact(items, parts, rows, shifts, np.full(len(rows), threshold))
-            for row, shift, distance in zip(rows.tolist(), shifts.tolist(), exact.tolist(), strict=True):
-                if np.isfinite(distance):
-                    item = int(items[row])
-                    self._best[item] = min(self._best.get(item, (np.inf, -1)), (distance, shift))
-            start += size
-            size = min(2 * size, _LARGEST_BATCH)
+        start, size = 0, _FIRST_ROUND
+        while start < len(items) and bounds[start] <= self._threshold():
+            part = slice(start, start + size)
+            streams = tuple(
+                StreamPairs(side, store.gather(items[part]), shifts, float(stream.weight), rules)
+                for side, store, shifts, stream, rules in zip(
+                    self._sides, self._stores, self._shifts, self._streams, self._rules, strict=True
+                )
+            )
+            some = bounds[part]
+            parts = np.empty((len(streams), 0)) if swept is None else swept[:, part]
+            distances, shifts = np.full(len(some), np.inf), np.zeros(len(some), np.int64)
+            solved, bounded, status = decide(streams, some, parts, self._nearest, distances, shifts)
+            check_status(np.array([status]))
+            self.emds_solved += solved
+            self.bounds_computed += bounded
+            for n in np.flatnonzero(distances < np.inf):
+                self._best[int(items[start + n])] = float(distances[n]), int(shifts[n])
+            start, size = start + size, min(2 * size, _LARGEST_ROUND)
 
     def _relaxed_parts(self, items: IntArray) -> list[FloatArray]:
         """Weighted relaxed bounds (items, shifts) of each stream."""
@@ -214,18 +215,10 @@ class NearestSearch:
         self, s: int, items: IntArray, shifts: IntArray, above: FloatArray
     ) -> tuple[FloatArray, IntArray]:
         """Distances of one stream, inf where over ``above``, and which of them took an EMD."""
-        from depthprint._kernels.pairs import pair_distances, solve_run
+        from depthprint._kernels.pairs import pair_distances
 
-        side, others, count = self._sides[s], self._stores[s].gather(items), len(items)
-        if count > _PAIRS_ON_ONE_THREAD:
-            values, status, solved = pair_distances(
-                side, others, shifts, above, self._shifts[s], self._rules[s]
-            )
-        else:  # other threads would take longer to wake up
-            values, status, solved = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
-            solve_run(
-                side, others, 0, count, shifts, above, self._shifts[s], self._rules[s], values, status, solved
-            )
+        side, others = self._sides[s], self._stores[s].gather(items)
+        values, status, solved = pair_distances(side, others, shifts, above, self._shifts[s], self._rules[s])
         check_status(status)
         return values, solved
 
@@ -246,10 +239,12 @@ class NearestSearch:
 
     def _prepare(self) -> None:
         """The query as the cheap bounds take it: a summary vector, and tiles of points, for each stream."""
+        from depthprint._kernels.codes import code_query
         from depthprint._kernels.sweep import tile_query
 
         self._vectors: list[npt.NDArray[np.float32]] = []
         self._tiles: list[QueryTiles] = []
+        self._codes: list[CodedQuery] = []
         whole = len(self._shifts[0]) == 1
         self._sweep_is_whole = whole and all(rules.period == 0.0 for rules in self._rules)
         for s, side in enumerate(self._sides):
@@ -264,16 +259,10 @@ class NearestSearch:
                 points[:, appearance:] += self._shifts[s][0]
             else:
                 points = points[:, :appearance]
-            self._tiles.append(
-                tile_query(
-                    points, side.weights[0], float(side.masses[0]), float(side.complexity[0]),
-                    self._stores[s].largest_norm,
-                )
-            )  # fmt: skip
-
-    def _members(self, blocks: IntArray) -> IntArray:
-        items: IntArray = (np.sort(blocks)[:, None] * ITEMS_PER_BLOCK + np.arange(ITEMS_PER_BLOCK)).ravel()
-        return items[: np.searchsorted(items, self.count)]
+            store, query = self._stores[s], (points, side.weights[0])
+            sizes = float(side.masses[0]), float(side.complexity[0])
+            self._tiles.append(tile_query(*query, *sizes, store.largest_norm))
+            self._codes.append(code_query(*query, *sizes, store.dims))
 
     def _block_bounds(self) -> FloatArray:
         from depthprint._kernels.summaries import add_block_bounds
@@ -299,22 +288,16 @@ class NearestSearch:
             )  # fmt: skip
         return out
 
-    def _swept_parts(self, items: IntArray) -> list[FloatArray]:
-        """Weighted bounds (len(items),) of each stream's distances to some items, in rising order, in float32.
+    def _swept_parts(self, items: IntArray) -> FloatArray:
+        """Weighted bounds (streams, len(items)) of the distances to some items in float32.
 
         They leave out the positions where there are several shifts, or a circular one.
         """
         from depthprint._kernels.sweep import sweep_bounds
 
-        group, lanes = np.divmod(items, ITEMS_PER_GROUP)
-        first = np.diff(group, prepend=-1) > 0
-        groups, where = group[first], np.cumsum(first) - 1
-        parts = []
-        for s, store in enumerate(self._stores):
-            bounds = sweep_bounds(
-                self._tiles[s], store.points, store.weights, store.counts[: self.count], store.masses,
-                store.complexity, groups, self._rules[s],
-            )  # fmt: skip
-            parts.append(self._streams[s].weight * bounds[where, lanes])
-            self.bounds_computed += len(items)
+        parts = np.empty((len(self._stores), len(items)))
+        for s, stream in enumerate(self._streams):
+            parts[s] = sweep_bounds(self._tiles[s], self._items[s], items, self._rules[s])
+            parts[s] *= stream.weight
+        self.bounds_computed += parts.size
         return parts
