@@ -33,6 +33,7 @@ IntArray = npt.NDArray[np.int64]
 _ROUNDING = 1.0 + 1e-12
 _FIRST_BATCH = 4
 _SEED_BLOCKS = 2
+_FEW_TO_SWEEP = 1 << 14
 _FEW = 64
 _FIRST_ROUND, _LARGEST_ROUND = 64, 1024
 _ITEMS_PER_SCAN = 4096
@@ -68,47 +69,60 @@ class NearestSearch:
             self._decide(np.arange(self.count), np.zeros(self.count), None)
             return self._best
         self._prepare()
+        if self.count <= _FEW_TO_SWEEP:
+            self._search_blocks(np.arange(-(-self.count // ITEMS_PER_BLOCK)), k)
+            return self._best
         blocks = self._block_bounds()
         wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
         near = np.argpartition(blocks, wanted - 1)[:wanted]
-        seeds, bounds = self._coded_bounds(near)
-        order = np.argsort(bounds, kind="stable")
-        tried, left = np.split(order, [max(k, _FIRST_BATCH)])
-        self._decide(seeds[tried], bounds[tried], None)
-
+        self._search_blocks(near, k)
         blocks[near] = np.inf
-        items, bounds = self._coded_bounds(np.flatnonzero(blocks <= self._threshold()))
-        items = np.concatenate([seeds[left], items[bounds <= self._threshold()]])
-        items.sort()
-        swept = self._swept_parts(items)
-        bounds = swept.sum(axis=0)
-        order = np.argsort(bounds, kind="stable")
-        self._decide(items[order], bounds[order], swept[:, order] if self._sweep_is_whole else None)
+        self._search_blocks(np.flatnonzero(blocks <= self._threshold()), k)
         return self._best
 
-    def _coded_bounds(self, blocks: IntArray) -> tuple[IntArray, FloatArray]:
-        """All items of some blocks, and bounds of their distances from 8-bit codes.
+    def _search_blocks(self, blocks: IntArray, k: int) -> None:
+        """Decide all items of some blocks: the few of the least coded bounds, then those that are left."""
+        items, parts = self._coded_parts(blocks)
+        bounds = parts.sum(axis=0) if len(parts) > 1 else parts[0]
+        left = np.flatnonzero(bounds <= self._threshold())
+        first = max(k, _FIRST_BATCH)
+        if len(left) > first:
+            order = np.argpartition(bounds[left], first)
+            self._decide_in_order(items, parts, left[order[:first]])
+            left = left[order[first:]]
+            left = left[bounds[left] <= self._threshold()]
+        if len(left) > _FEW:
+            items = np.sort(items[left])
+            parts = self._swept_parts(items)
+            left = np.flatnonzero(parts.sum(axis=0) <= self._threshold())
+        self._decide_in_order(items, parts, left)
+
+    def _decide_in_order(self, items: IntArray, parts: FloatArray, chosen: IntArray) -> None:
+        some = parts[:, chosen]
+        bounds: FloatArray = some.sum(axis=0)
+        order = np.argsort(bounds, kind="stable")
+        swept = some[:, order] if self._sweep_is_whole else None
+        self._decide(items[chosen][order], bounds[order], swept)
+
+    def _coded_parts(self, blocks: IntArray) -> tuple[IntArray, FloatArray]:
+        """All items of some blocks, and weighted bounds (streams, items) of their distances from 8-bit codes.
 
         They leave out the positions where there are several shifts, or a circular one.
         """
         from depthprint._kernels.codes import sweep_codes
 
-        groups = self._groups(blocks)
-        out = np.zeros((len(groups), ITEMS_PER_GROUP))
-        for s, store in enumerate(self._stores):
-            codes = store.codes.view(np.int32)[..., 0]
-            sweep_codes(
-                self._codes[s], codes, store.scales, store.errors, self._items[s], groups,
-                self._streams[s].weight, self._rules[s], out,
-            )  # fmt: skip
-        items = (groups[:, None] * ITEMS_PER_GROUP + np.arange(ITEMS_PER_GROUP)).ravel()
-        count = np.searchsorted(items, self.count)
-        return items[:count], out.ravel()[:count]
-
-    def _groups(self, blocks: IntArray) -> IntArray:
         each = ITEMS_PER_BLOCK // ITEMS_PER_GROUP
         groups: IntArray = (np.sort(blocks)[:, None] * each + np.arange(each)).ravel()
-        return groups[: np.searchsorted(groups * ITEMS_PER_GROUP, self.count)]
+        items: IntArray = (groups[:, None] * ITEMS_PER_GROUP + np.arange(ITEMS_PER_GROUP)).ravel()
+        items = items[: np.searchsorted(items, self.count)]
+        groups = groups[: -(-len(items) // ITEMS_PER_GROUP)]
+        out = np.empty((len(self._stores), len(groups), ITEMS_PER_GROUP))
+        for s, store in enumerate(self._stores):
+            sweep_codes(
+                self._codes[s], store.codes.view(np.int32)[..., 0], store.scales, store.errors, self._items[s],
+                groups, float(self._streams[s].weight), self._rules[s], out[s],
+            )  # fmt: skip
+        return items, out.reshape(len(out), -1)[:, : len(items)]
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""

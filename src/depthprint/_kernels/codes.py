@@ -26,7 +26,8 @@ FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 _MISSING = np.int32(-(1 << 29))
-_LARGEST_HALF = float(1 << 28)  # of a squared norm: keeps sums in 32 bits
+_LARGEST_HALF = np.float32(1 << 28)  # of a squared norm: keeps sums in 32 bits
+_LARGEST_RATIO = 1e20
 _LARGEST_CODE = 127
 _LEAST_SCALE = 1e-37
 _GROUPS_PER_TASK = 16
@@ -37,7 +38,7 @@ class CodedQuery(NamedTuple):
     """Codes of a query's points in tiles; those missing from the last one are far from everything."""
 
     points: Int32Array  # (tiles, quads, CODE_ROWS): four signed codes each
-    squares: FloatArray  # (tiles * CODE_ROWS,): |codes|^2
+    squares: Float32Array  # (tiles * CODE_ROWS,): |codes|^2
     offsets: Int32Array  # (tiles * CODE_ROWS,): what 128 more in each code of an item adds to a product
     mask: Int32Array  # (quads,): bytes of an item's codes that are compared
     scale: float
@@ -68,7 +69,7 @@ def code_query(
     lanes = codes.view(np.int32).reshape(tiles, CODE_ROWS, quads)
     return CodedQuery(
         np.ascontiguousarray(lanes.transpose(0, 2, 1)),
-        (wide**2).sum(axis=1).astype(np.float64),
+        (wide**2).sum(axis=1).astype(np.float32),
         (128 * wide.sum(axis=1)).astype(np.int32),
         mask.view(np.int32),
         scale,
@@ -117,9 +118,10 @@ def code_items(
 
 
 @njit(cache=True, nogil=True)
-def _half_in(square: float, ratio: float) -> Any:
-    """A squared norm halved, in units of another scale, rounded down."""
-    return np.int32(min(0.5 * _DOWN * square * ratio, _LARGEST_HALF))
+def _take_halves(squares: Any, ratios: Float32Array, start: Any, out: Int32Array) -> None:
+    """start less squares times ratios (LANES,), rounded down."""
+    for x in range(LANES):
+        out[x] = start - np.int32(min(np.float32(squares[x]) * ratios[x], _LARGEST_HALF))
 
 
 @njit(cache=True, parallel=True)
@@ -134,7 +136,7 @@ def sweep_codes(
     rules: PairRules,
     out: FloatArray,
 ) -> None:
-    """Add ``weight`` times a bound of the distances to the items of some groups to out (len(groups), LANES).
+    """``weight`` times a bound of the distances to the items of some groups into out (len(groups), LANES).
 
     codes (groups, k, quads, LANES) as `code_items` leaves them. Lanes beyond the last item get inf.
     """
@@ -151,7 +153,8 @@ def sweep_codes(
         columns, weights = np.empty((k_q, LANES), np.int32), np.ones((k_q, LANES))
         shrink, slack = np.ones(LANES, np.float32), np.zeros(LANES, np.float32)
         from_query, from_item, bounds = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-        up, down = np.ones(LANES), np.ones(LANES)
+        up, down = np.ones(LANES, np.float32), np.ones(LANES, np.float32)
+        square = np.empty(LANES, np.float32)
         minima, weights_q = np.empty((2, max(m, k_q))), np.empty(k_q)
         chosen = np.empty(LANES, np.int64)
         for g in range(task * _GROUPS_PER_TASK, min(len(groups), (task + 1) * _GROUPS_PER_TASK)):
@@ -162,7 +165,8 @@ def sweep_codes(
                 item = first + x
                 chosen[x] = item
                 scale = np.float64(scales[item])
-                up[x], down[x] = scale / query.scale, query.scale / scale
+                up[x] = min(0.5 * _DOWN * scale / query.scale, _LARGEST_RATIO)
+                down[x] = min(0.5 * _DOWN * query.scale / scale, _LARGEST_RATIO)
                 shrink[x] = np.sqrt(scale) * np.sqrt(query.scale) * _DOWN
                 slack[x] = (errors[item] + query.error) * _UP
                 widest, narrowest = max(widest, items.counts[item]), min(narrowest, items.counts[item])
@@ -173,12 +177,11 @@ def sweep_codes(
             columns[:widest] = 2 * _MISSING
             flat_starts[m:] = _MISSING
             for i in range(m):
-                for x in range(LANES):
-                    flat_starts[i, x] = -_half_in(query.squares[i], down[x]) - query.offsets[i]
+                square[:] = query.squares[i]
+                _take_halves(square, down, -query.offsets[i], flat_starts[i])
             for j in range(widest):
                 load_codes(codes, groups[g], j, query.mask, q, q_start)
-                for x in range(LANES):
-                    q_start[x] = -_half_in(q_start[x], up[x])
+                _take_halves(q_start, up, np.int32(0), q_start)
                 if j >= narrowest:
                     for x in range(present):
                         if j >= items.counts[first + x]:
@@ -198,4 +201,4 @@ def sweep_codes(
                 rows.view(np.float32), columns.view(np.float32), minima, weights_q, rules, bounds,
             )  # fmt: skip
             for x in range(LANES):
-                out[g, x] = out[g, x] + weight * bounds[x] if x < present else np.inf
+                out[g, x] = weight * bounds[x] if x < present else np.inf
