@@ -119,10 +119,12 @@ class NearestSearch:
         out = np.empty((len(self._stores), len(groups), ITEMS_PER_GROUP))
         for s, store in enumerate(self._stores):
             sweep_codes(
-                self._codes[s], store.codes.view(np.int32)[..., 0], store.scales, store.errors, self._items[s],
-                groups, float(self._streams[s].weight), self._rules[s], out[s],
+                self._codes[s], store.codes.view(np.int32)[..., 0], self._items[s], groups,
+                float(self._streams[s].weight), self._rules[s], out[s],
             )  # fmt: skip
-        return items, out.reshape(len(out), -1)[:, : len(items)]
+        parts = out.reshape(len(out), -1)[:, : len(items)]
+        self.bounds_computed += parts.size
+        return items, parts
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
@@ -295,10 +297,11 @@ class NearestSearch:
 
         out = np.zeros(len(items))
         for s, store in enumerate(self._stores):
-            side, stream = self._sides[s], self._streams[s]
+            side, stream, others = self._sides[s], self._streams[s], store.gather(items)
+            vectors, _ = summary_vectors(others.weights, others.points, stream.ground)
             add_item_bounds(
-                self._vectors[s], side.masses[0], side.complexity[0], store.vectors, store.masses,
-                store.complexity, items, summary_slack(stream.ground), stream.weight, self._rules[s], out,
+                self._vectors[s], side.masses[0], side.complexity[0], vectors, others.masses, others.complexity,
+                np.arange(len(items)), summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 

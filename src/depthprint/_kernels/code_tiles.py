@@ -13,28 +13,44 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from depthprint._kernels.split_points import LINEAR
 from depthprint._kernels.tiles import LANES
 
-__all__ = ["CODE_ROWS", "load_codes", "meet_codes"]
+__all__ = ["CODE_ROWS", "LARGEST_HALF", "load_codes", "meet_codes", "start_rows"]
 
 CODE_ROWS = 10
+LARGEST_HALF = 1 << 28  # keeps sums in 32 bits
 
 _BYTE, _SHORT, _INT = ir.IntType(8), ir.IntType(16), ir.IntType(32)
 _LANES = ir.VectorType(_INT, LANES)
 _BYTES = ir.VectorType(_BYTE, 4 * LANES)
+_FLOATS = ir.VectorType(ir.FloatType(), LANES)
 _HALF = ir.VectorType(_INT, LANES // 2)
 _OFFSET = -0x7F7F7F80  # 128 in each of four bytes, as a signed number
 
 
 @intrinsic
-def load_codes(typingctx: Any, codes: Any, group: Any, j: Any, mask: Any, q: Any, squares: Any) -> Any:
-    """Column j of a group of codes (groups, columns, quads, LANES) into q (quads, LANES), its norms into squares.
+def load_codes(
+    typingctx: Any, codes: Any, group: Any, j: Any, mask: Any, ratios: Any, q: Any, start: Any
+) -> Any:
+    """Column j of a group of codes (groups, columns, quads, LANES) into q (quads, LANES), and its part of sums.
 
-    Codes are bytes less 128, four a lane. Only those bytes count in the norms (LANES,) that ``mask`` (quads,)
-    has set. All int32 and contiguous; nothing is checked.
+    Codes are bytes less 128, four a lane; those over LINEAR are taken for 0. start (LANES,): less their squared norms times ratios (LANES,) float32,
+    rounded towards 0 and no less than -LARGEST_HALF; only bytes count that ``mask`` (quads,) has set. All others
+    int32, all contiguous; nothing is checked.
     """
     del typingctx
-    return types.void(codes, group, j, mask, q, squares), _emit_load
+    return types.void(codes, group, j, mask, ratios, q, start), _emit_load
+
+
+@intrinsic
+def start_rows(typingctx: Any, squares: Any, offsets: Any, count: Any, ratios: Any, starts: Any) -> Any:
+    """The same part of a query's points, less offsets (n,) int32, into starts[:count] (n, LANES) int32.
+
+    squares (n,) and ratios (LANES,) are float32.
+    """
+    del typingctx
+    return types.void(squares, offsets, count, ratios, starts), _emit_starts
 
 
 @intrinsic
@@ -110,9 +126,31 @@ def _add_products_of_shorts(builder: Any, total: Any, unsigned: Any, signed: Any
     return total
 
 
+def _less_halves(builder: Any, squares: Any, ratios: Any) -> Any:
+    """Less float32 squares times ratios, as integers."""
+    most = _FLOATS([float(LARGEST_HALF)] * LANES)
+    product = builder.fmul(squares, ratios)
+    product = builder.select(builder.fcmp_ordered("<", product, most), product, most)
+    return builder.sub(_LANES([0] * LANES), builder.fptosi(product, _LANES))
+
+
+def _emit_starts(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    squares, offsets, ratios, starts = (
+        context.make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 1, 3, 4)
+    )
+    factors = builder.load(builder.bitcast(ratios, _FLOATS.as_pointer()), align=4)
+    with cgutils.for_range(builder, arguments[2]) as loop:
+        square = builder.bitcast(builder.load(builder.gep(squares, [loop.index])), _INT)
+        halves = _less_halves(builder, builder.bitcast(_spread(builder, square), _FLOATS), factors)
+        offset = _spread(builder, builder.load(builder.gep(offsets, [loop.index])))
+        place = builder.gep(starts, [builder.mul(loop.index, loop.index.type(LANES))])
+        builder.store(builder.sub(halves, offset), _vector(builder, place), align=4)
+    return context.get_dummy_value()
+
+
 def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    codes, mask, q, squares = (
-        context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 3, 4, 5)
+    codes, mask, ratios, q, start = (
+        context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 3, 4, 5, 6)
     )
     _, group, j, *_ = arguments
     size = group.type
@@ -126,9 +164,13 @@ def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     k, total = builder.phi(size), builder.phi(_LANES)
     source = builder.gep(codes.data, [builder.mul(builder.add(first, k), size(LANES))])
     values = builder.load(_vector(builder, source), align=4)
-    builder.store(values, _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))])), align=4)
-    signed = builder.bitcast(builder.xor(values, _LANES([_OFFSET] * LANES)), _BYTES)
+    offset = _LANES([_OFFSET] * LANES)
+    signed = builder.bitcast(builder.xor(values, offset), _BYTES)
     sizes = builder.select(builder.icmp_signed("<", signed, zero), builder.sub(zero, signed), signed)
+    linear = builder.icmp_unsigned("<=", sizes, _BYTES([LINEAR] * _BYTES.count))
+    signed, sizes = (builder.select(linear, bytes_, zero) for bytes_ in (signed, sizes))
+    values = builder.xor(builder.bitcast(signed, _LANES), offset)
+    builder.store(values, _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))])), align=4)
     counted = _spread(builder, builder.load(builder.gep(mask.data, [k])))
     sizes = builder.and_(builder.bitcast(sizes, _LANES), counted)
     new = _add_products(context, builder, total, sizes, sizes)
@@ -140,7 +182,9 @@ def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     total.add_incoming(_LANES([0] * LANES), before)
     total.add_incoming(new, end)
     builder.position_at_end(after)
-    builder.store(new, _vector(builder, squares.data), align=4)
+    factors = builder.load(builder.bitcast(ratios.data, _FLOATS.as_pointer()), align=4)
+    halves = _less_halves(builder, builder.sitofp(new, _FLOATS), factors)
+    builder.store(halves, _vector(builder, start.data), align=4)
     return context.get_dummy_value()
 
 

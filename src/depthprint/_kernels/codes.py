@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
-from depthprint._kernels.code_tiles import CODE_ROWS, load_codes, meet_codes
+from depthprint._kernels.code_tiles import CODE_ROWS, load_codes, meet_codes, start_rows
 from depthprint._kernels.ground import PairRules
 from depthprint._kernels.lane_bounds import Items, copy_weights, lane_bounds
 from depthprint._kernels.tiles import LANES, weigh_least
 
-__all__ = ["CodedQuery", "code_items", "code_query", "quads_of", "sweep_codes"]
+__all__ = ["CodedQuery", "code_query", "quads_of", "sweep_codes"]
 
 IntArray = npt.NDArray[np.int64]
 Int32Array = npt.NDArray[np.int32]
@@ -26,7 +26,6 @@ FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 _MISSING = np.int32(-(1 << 29))
-_LARGEST_HALF = np.float32(1 << 28)  # of a squared norm: keeps sums in 32 bits
 _LARGEST_RATIO = 1e20
 _LARGEST_CODE = 127
 _LEAST_SCALE = 1e-37
@@ -80,56 +79,10 @@ def code_query(
     )
 
 
-@njit(cache=True, nogil=True)
-def code_items(
-    points: FloatArray,
-    counts: IntArray,
-    first: int,
-    codes: Any,
-    scales: Float32Array,
-    errors: Float32Array,
-) -> None:
-    """Codes, scales and errors of items first.. from their points (n, d, k).
-
-    codes (groups, k, quads, LANES, 4) uint8, which hold 128 more than the signed code.
-    """
-    dims = points.shape[1]
-    for n in range(len(points)):
-        item = first + n
-        group, lane = item // LANES, item % LANES
-        largest = 0.0
-        for k in range(dims):
-            for j in range(counts[n]):
-                largest = max(largest, abs(points[n, k, j]))
-        scales[item] = max(largest / _LARGEST_CODE, _LEAST_SCALE)
-        scale = np.float64(scales[item])
-        worst = 0.0
-        for j in range(codes.shape[1]):
-            square = 0.0
-            for k in range(4 * codes.shape[2]):
-                code = 0.0
-                if j < counts[n] and k < dims:
-                    code = min(max(np.rint(points[n, k, j] / scale), -_LARGEST_CODE), _LARGEST_CODE)
-                    gap = points[n, k, j] - code * scale
-                    square += gap * gap
-                codes[group, j, k // 4, lane, k % 4] = np.uint8(np.int64(code) + 128)
-            worst = max(worst, square)
-        errors[item] = np.sqrt(worst) * _UP
-
-
-@njit(cache=True, nogil=True)
-def _take_halves(squares: Any, ratios: Float32Array, start: Any, out: Int32Array) -> None:
-    """start less squares times ratios (LANES,), rounded down."""
-    for x in range(LANES):
-        out[x] = start - np.int32(min(np.float32(squares[x]) * ratios[x], _LARGEST_HALF))
-
-
 @njit(cache=True, parallel=True)
 def sweep_codes(
     query: CodedQuery,
     codes: Int32Array,
-    scales: Float32Array,
-    errors: Float32Array,
     items: Items,
     groups: IntArray,
     weight: float,
@@ -138,7 +91,7 @@ def sweep_codes(
 ) -> None:
     """``weight`` times a bound of the distances to the items of some groups into out (len(groups), LANES).
 
-    codes (groups, k, quads, LANES) as `code_items` leaves them. Lanes beyond the last item get inf.
+    codes (groups, k, quads, LANES): those of the items, four a lane. Lanes beyond the last item get inf.
     """
     tiles, k_q, quads = len(query.points), codes.shape[1], codes.shape[2]
     m = len(query.weights)
@@ -154,7 +107,6 @@ def sweep_codes(
         shrink, slack = np.ones(LANES, np.float32), np.zeros(LANES, np.float32)
         from_query, from_item, bounds = np.empty(LANES), np.empty(LANES), np.empty(LANES)
         up, down = np.ones(LANES, np.float32), np.ones(LANES, np.float32)
-        square = np.empty(LANES, np.float32)
         minima, weights_q = np.empty((2, max(m, k_q))), np.empty(k_q)
         chosen = np.empty(LANES, np.int64)
         for g in range(task * _GROUPS_PER_TASK, min(len(groups), (task + 1) * _GROUPS_PER_TASK)):
@@ -164,11 +116,11 @@ def sweep_codes(
             for x in range(present):
                 item = first + x
                 chosen[x] = item
-                scale = np.float64(scales[item])
+                scale = np.float64(items.scales[item])
                 up[x] = min(0.5 * _DOWN * scale / query.scale, _LARGEST_RATIO)
                 down[x] = min(0.5 * _DOWN * query.scale / scale, _LARGEST_RATIO)
                 shrink[x] = np.sqrt(scale) * np.sqrt(query.scale) * _DOWN
-                slack[x] = (errors[item] + query.error) * _UP
+                slack[x] = (items.errors[item] + query.error) * _UP
                 widest, narrowest = max(widest, items.counts[item]), min(narrowest, items.counts[item])
                 if items.weights.shape[1] > 0:
                     copy_weights(items, item, weights_q)
@@ -176,12 +128,9 @@ def sweep_codes(
             rows[:] = 2 * _MISSING
             columns[:widest] = 2 * _MISSING
             flat_starts[m:] = _MISSING
-            for i in range(m):
-                square[:] = query.squares[i]
-                _take_halves(square, down, -query.offsets[i], flat_starts[i])
+            start_rows(query.squares, query.offsets, m, down, flat_starts)
             for j in range(widest):
-                load_codes(codes, groups[g], j, query.mask, q, q_start)
-                _take_halves(q_start, up, np.int32(0), q_start)
+                load_codes(codes, groups[g], j, query.mask, up, q, q_start)
                 if j >= narrowest:
                     for x in range(present):
                         if j >= items.counts[first + x]:

@@ -10,18 +10,27 @@ from numba import njit
 
 from depthprint._kernels.ground import PairRules
 from depthprint._kernels.relaxation import normalise, relaxed_work
+from depthprint._kernels.split_points import join_item
 
-__all__ = ["Items", "copy_weights", "gather_items", "lane_bounds"]
+__all__ = ["Items", "copy_points", "copy_weights", "gather_items", "lane_bounds"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
+ByteArray = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
 
 class Items(NamedTuple):
-    """Signatures of an index, one after the other; points and weights are float32 or float64."""
+    """Signatures of an index, one after the other; points and weights are float32 or float64.
 
-    points: Any  # (n, d, k)
+    Points are as `depthprint._kernels.split_points` has them, or (n, d, k) where rests (n, d, k, 0) are empty.
+    """
+
+    codes: ByteArray  # (groups, k, quads, LANES, 4)
+    rest: ByteArray  # (n, d, k, 3)
+    scales: Float32Array  # (n,)
+    errors: Float32Array  # (n,)
+    points: Any
     weights: Any  # (n, k), or (n, 0) where all clusters have one weight
     common_weight: float
     counts: IntArray  # (n,)
@@ -42,13 +51,22 @@ def copy_weights(items: Items, item: int, out: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
+def copy_points(items: Items, item: int, out: FloatArray) -> None:
+    """Points (d, k) of an item, 0 beyond its clusters."""
+    if items.rest.shape[3] == 0:
+        out[:] = items.points[item]
+    else:
+        join_item(items.codes, items.rest, items.scales, item, items.counts[item], out)
+
+
+@njit(cache=True, nogil=True)
 def gather_items(items: Items, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
     """Weights (n, k) and points (n, d, k) of some items in double precision."""
-    dims, k_q = items.points.shape[1], items.points.shape[2]
+    dims, k_q = items.rest.shape[1], items.rest.shape[2]
     weights, points = np.empty((len(chosen), k_q)), np.empty((len(chosen), dims, k_q))
     for n in range(len(chosen)):
         copy_weights(items, chosen[n], weights[n])
-        points[n] = items.points[chosen[n]]
+        copy_points(items, chosen[n], points[n])
     return weights, points
 
 

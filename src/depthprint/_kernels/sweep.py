@@ -13,7 +13,7 @@ import numpy.typing as npt
 from numba import njit, prange
 
 from depthprint._kernels.ground import PairRules
-from depthprint._kernels.lane_bounds import Items, copy_weights, lane_bounds
+from depthprint._kernels.lane_bounds import Items, copy_points, copy_weights, lane_bounds
 from depthprint._kernels.tiles import LANES, TILE_ROWS, load_column, meet_column, weigh_least
 
 __all__ = ["QueryTiles", "sweep_bounds", "tile_query"]
@@ -67,7 +67,7 @@ def sweep_bounds(query: QueryTiles, items: Items, chosen: IntArray, rules: PairR
     """Lower bounds (len(chosen),) of the distances of a query to some items, whose first coordinates it has."""
     out = np.empty(len(chosen))
     tiles, dims = query.halves.shape[0], query.points.shape[1]
-    m, k_q = len(query.weights), items.points.shape[2]
+    m, k_q = len(query.weights), items.rest.shape[2]
     squared, slack = np.float32(query.slack_squared), np.float32(query.slack)
     shrink, most = np.float32(1.0 - 5e-7), np.float32(rules.cap * (1.0 - 1e-7))
     for group in prange((len(chosen) + LANES - 1) // LANES):
@@ -79,14 +79,16 @@ def sweep_bounds(query: QueryTiles, items: Items, chosen: IntArray, rules: PairR
         rows, columns = tile_rows.reshape(-1, LANES), np.full((k_q, LANES), _FARTHEST)
         from_query, from_item = np.empty(LANES), np.empty(LANES)
         minima, weights_q = np.empty((2, max(m, k_q))), np.empty(k_q)
+        whole = np.empty(items.rest.shape[1:3])
         widest = 0
         for x in range(len(some)):
             widest = max(widest, items.counts[some[x]])
             copy_weights(items, some[x], weights_q)
             weights[:, x] = weights_q
+            copy_points(items, some[x], whole)
             for k in range(dims):
                 for j in range(items.counts[some[x]]):
-                    points[0, j, k, x] = items.points[some[x], k, j]
+                    points[0, j, k, x] = whole[k, j]
         for j in range(widest):
             load_column(points, 0, j, q, q_halves)
             for x in range(len(some)):

@@ -214,7 +214,11 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     builder.position_at_end(work)
     at = builder.mul(k, size(LANES))
     place: Any = builder.gep(halves, [at])
-    place = builder.bitcast(place, ir.VectorType(_INT32, LANES).as_pointer()) if integers else _vector(builder, place)
+    place = (
+        builder.bitcast(place, ir.VectorType(_INT32, LANES).as_pointer())
+        if integers
+        else _vector(builder, place)
+    )
     half = builder.load(place, align=4)
     if integers:
         half = builder.sitofp(half, _LANES)
