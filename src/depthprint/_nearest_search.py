@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,6 @@ from depthprint._signature_store import (
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
-    from depthprint._kernels.codes import CodedQuery
     from depthprint._kernels.sweep import QueryTiles
     from depthprint.signature_index import StreamDistance
 
@@ -254,31 +254,37 @@ class NearestSearch:
         return True
 
     def _prepare(self) -> None:
-        """The query as the cheap bounds take it: a summary vector, and tiles of points, for each stream."""
+        """The query's codes of each stream."""
         from depthprint._kernels.codes import code_query
+
+        one_shift = len(self._shifts[0]) == 1
+        self._sweep_is_whole = one_shift and all(rules.period == 0.0 for rules in self._rules)
+        self._codes = [code_query(*self._as_swept(s), store.dims) for s, store in enumerate(self._stores)]
+
+    @cached_property
+    def _vectors(self) -> list[npt.NDArray[np.float32]]:
+        """The query's summary vector of each stream."""
+        return [
+            summary_vectors(side.weights, side.points.transpose(0, 2, 1), stream.ground)[0][0]
+            for side, stream in zip(self._sides, self._streams, strict=True)
+        ]
+
+    @cached_property
+    def _tiles(self) -> list[QueryTiles]:
         from depthprint._kernels.sweep import tile_query
 
-        self._vectors: list[npt.NDArray[np.float32]] = []
-        self._tiles: list[QueryTiles] = []
-        self._codes: list[CodedQuery] = []
-        whole = len(self._shifts[0]) == 1
-        self._sweep_is_whole = whole and all(rules.period == 0.0 for rules in self._rules)
-        for s, side in enumerate(self._sides):
-            vectors, _ = summary_vectors(
-                side.weights, side.points.transpose(0, 2, 1), self._streams[s].ground
-            )
-            self._vectors.append(vectors[0])
-            points = side.points[0, : int(side.counts[0])].copy()
-            positions = self._rules[s].position_dims
-            appearance = points.shape[1] - positions
-            if self._sweep_is_whole:
-                points[:, appearance:] += self._shifts[s][0]
-            else:
-                points = points[:, :appearance]
-            store, query = self._stores[s], (points, side.weights[0])
-            sizes = float(side.masses[0]), float(side.complexity[0])
-            self._tiles.append(tile_query(*query, *sizes, store.largest_norm))
-            self._codes.append(code_query(*query, *sizes, store.dims))
+        return [tile_query(*self._as_swept(s), store.largest_norm) for s, store in enumerate(self._stores)]
+
+    def _as_swept(self, s: int) -> tuple[FloatArray, FloatArray, float, float]:
+        """Points, weights, mass and complexity of the query; the points without positions if these may vary."""
+        side, rules = self._sides[s], self._rules[s]
+        points = side.points[0, : int(side.counts[0])].copy()
+        appearance = points.shape[1] - rules.position_dims
+        if self._sweep_is_whole:
+            points[:, appearance:] += self._shifts[s][0]
+        else:
+            points = points[:, :appearance]
+        return points, side.weights[0], float(side.masses[0]), float(side.complexity[0])
 
     def _block_bounds(self) -> FloatArray:
         from depthprint._kernels.summaries import add_block_bounds

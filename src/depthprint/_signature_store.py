@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ __all__ = [
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
-_Array = TypeVar("_Array", bound=npt.NDArray[Any])
+_Number = TypeVar("_Number", bound=np.generic)
 
 ITEMS_PER_BLOCK = 32
 ITEMS_PER_GROUP = 16
@@ -217,7 +217,7 @@ def float32_holds(mass: float, norm: float, ground: GroundDistance) -> bool:
     return max(mass, mass * ground.cap, norm) < _FLOAT32_LIMIT
 
 
-def _widened(array: _Array, axis: int, width: int) -> _Array:
+def _widened(array: npt.NDArray[_Number], axis: int, width: int) -> npt.NDArray[_Number]:
     shape = list(array.shape)
     shape[axis] = width
     wide = np.zeros(shape, array.dtype)

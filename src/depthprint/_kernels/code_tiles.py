@@ -18,7 +18,7 @@ from depthprint._kernels.tiles import LANES
 
 __all__ = ["CODE_ROWS", "LARGEST_HALF", "load_codes", "meet_codes", "start_rows"]
 
-CODE_ROWS = 10
+CODE_ROWS = 11
 LARGEST_HALF = 1 << 28  # keeps sums in 32 bits
 
 _BYTE, _SHORT, _INT = ir.IntType(8), ir.IntType(16), ir.IntType(32)
@@ -35,9 +35,9 @@ def load_codes(
 ) -> Any:
     """Column j of a group of codes (groups, columns, quads, LANES) into q (quads, LANES), and its part of sums.
 
-    Codes are bytes less 128, four a lane; those over LINEAR are taken for 0. start (LANES,): less their squared norms times ratios (LANES,) float32,
-    rounded towards 0 and no less than -LARGEST_HALF; only bytes count that ``mask`` (quads,) has set. All others
-    int32, all contiguous; nothing is checked.
+    Codes are bytes less 128, four a lane; those over LINEAR are taken for 0. start (LANES,): less their squared
+    norms times ratios (LANES,) float32, rounded towards 0 and no less than -LARGEST_HALF; only bytes count that
+    ``mask`` (quads,) has set. All others int32, all contiguous; nothing is checked.
     """
     del typingctx
     return types.void(codes, group, j, mask, ratios, q, start), _emit_load
@@ -90,7 +90,7 @@ def _joined(builder: Any, low: Any, high: Any) -> Any:
 
 
 def _add_products(context: Any, builder: Any, total: Any, unsigned: Any, signed: Any) -> Any:
-    """total + the sums of four products a lane, of unsigned bytes and signed ones."""
+    """Add the sums of four products a lane, of unsigned bytes and signed ones, to ``total``."""
     features = context.codegen().magic_tuple()[2].split(",")  # of the processor that is compiled for
     if "+avx512vnni" in features:
         signature = ir.FunctionType(_LANES, [_LANES] * 3)

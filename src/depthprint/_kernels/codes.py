@@ -7,7 +7,7 @@ in 32 bits; half norms are rounded down in units of the product of both scales, 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,8 @@ Float32Array = npt.NDArray[np.float32]
 
 _MISSING = np.int32(-(1 << 29))
 _LARGEST_RATIO = 1e20
-_LARGEST_CODE = 127
-_LEAST_SCALE = 1e-37
+_LARGEST_CODE = 127  # of a query
+_LEAST_SCALE = 1e-30
 _GROUPS_PER_TASK = 16
 _UP, _DOWN = 1.0 + 1e-6, 1.0 - 1e-6  # more than a few roundings in float32
 
@@ -95,6 +95,7 @@ def sweep_codes(
     """
     tiles, k_q, quads = len(query.points), codes.shape[1], codes.shape[2]
     m = len(query.weights)
+    up_per_scale = 0.5 * _DOWN / query.scale
     cap, nothing = np.float32(rules.cap * (1.0 - 1e-7)), np.float32(0.0)
     for task in prange((len(groups) + _GROUPS_PER_TASK - 1) // _GROUPS_PER_TASK):
         q, q_start = np.empty((quads, LANES), np.int32), np.empty(LANES, np.int32)
@@ -117,9 +118,9 @@ def sweep_codes(
                 item = first + x
                 chosen[x] = item
                 scale = np.float64(items.scales[item])
-                up[x] = min(0.5 * _DOWN * scale / query.scale, _LARGEST_RATIO)
+                up[x] = min(up_per_scale * scale, _LARGEST_RATIO)
                 down[x] = min(0.5 * _DOWN * query.scale / scale, _LARGEST_RATIO)
-                shrink[x] = np.sqrt(scale) * np.sqrt(query.scale) * _DOWN
+                shrink[x] = np.sqrt(scale * query.scale) * _DOWN
                 slack[x] = (items.errors[item] + query.error) * _UP
                 widest, narrowest = max(widest, items.counts[item]), min(narrowest, items.counts[item])
                 if items.weights.shape[1] > 0:

@@ -51,7 +51,7 @@ def decide(
     ints, icost = make_scratch(k_p, k_q)
     cost, minima, line = np.empty((k_p, k_q)), np.empty((2, max(k_p, k_q))), np.empty(k_q)
     parts, sums = np.empty((len(streams), n_shifts)), np.empty(n_shifts)
-    order = np.zeros(1, np.int64)
+    order: IntArray = np.zeros(1, np.int64)
     solved = bounded = 0
     status = OPTIMAL
     for t in range(len(bounds)):
@@ -68,7 +68,7 @@ def decide(
                 bounded += n_shifts
             if n_shifts > 1:
                 order = np.argsort(sums, kind="mergesort")
-        best, best_shift = np.inf, -1
+        best, best_shift = np.inf, np.int64(-1)
         for shift in order:
             limit = min(nearest[-1], best) * ROUNDING
             if sums[shift] > limit:

@@ -73,13 +73,15 @@ def split_items(
                     gap = x - code * scale
                     if wanted:
                         left = np.int64(np.rint(gap / unit))
-                        exact &= left * unit == gap and -_MANTISSA <= left < _MANTISSA
+                        if left * unit != gap or left < -_MANTISSA or left >= _MANTISSA:
+                            exact = False
                 elif x != 0.0 and wanted:
                     fraction, height = math.frexp(abs(x))
                     below = exponent - 1 - height
                     mantissa = (2.0 * fraction - 1.0) * _MANTISSA
                     left = np.int64(mantissa)
-                    exact &= left == mantissa and below < 2 * _GROUPS_OF_SMALL
+                    if left != mantissa or below >= 2 * _GROUPS_OF_SMALL:
+                        exact = False
                     left |= (below & 1) << 23
                     code = np.int64(LINEAR + 1 + min(below // 2, _GROUPS_OF_SMALL - 1))
                     if x < 0.0:
@@ -117,5 +119,5 @@ def join_item(
                 out[k, j] = code * scale + left * unit
             else:
                 below = 2 * (abs(code) - LINEAR - 1) + (left >> 23)
-                x = math.ldexp(1.0 + (left & (_MANTISSA - 1)) / _MANTISSA, exponent - 2 - below)
+                x = math.ldexp(1.0 + (left & (_MANTISSA - 1)) / _MANTISSA, int(exponent - 2 - below))
                 out[k, j] = x if code > 0 else -x
