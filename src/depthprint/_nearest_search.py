@@ -37,6 +37,7 @@ _FEW_TO_SWEEP = 1 << 14
 _FEW = 64
 _FIRST_ROUND, _LARGEST_ROUND = 64, 1024
 _ITEMS_PER_SCAN = 4096
+_MOST_DIMS = 1 << 14
 
 
 class NearestSearch:
@@ -119,8 +120,8 @@ class NearestSearch:
         out = np.empty((len(self._stores), len(groups), ITEMS_PER_GROUP))
         for s, store in enumerate(self._stores):
             sweep_codes(
-                self._codes[s], store.codes.view(np.int32)[..., 0], self._items[s], groups,
-                float(self._streams[s].weight), self._rules[s], out[s],
+                self._codes[s], store.codes.view(np.int32)[..., 0], store.items(self.count, codes_alone=True),
+                groups, float(self._streams[s].weight), self._rules[s], out[s],
             )  # fmt: skip
         parts = out.reshape(len(out), -1)[:, : len(items)]
         self.bounds_computed += parts.size
@@ -239,14 +240,13 @@ class NearestSearch:
         return values, solved
 
     def _summaries_usable(self) -> bool:
-        """Whether there are appearances, and float32 holds everything that the cheap bounds add up."""
-        if any(
-            store.dims == rules.position_dims for store, rules in zip(self._stores, self._rules, strict=True)
-        ):
-            return False
+        """Whether there are appearances, and float32 and 32-bit sums hold everything that cheap bounds add up."""
+        blocks = -(-self.count // ITEMS_PER_BLOCK)
         for s, store in enumerate(self._stores):
             side, ground = self._sides[s], self._streams[s].ground
-            mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
+            if store.dims == ground.position_dims or store.dims > _MOST_DIMS:
+                return False
+            mass = max(float(side.masses[0]), float(store.mass_range[:blocks, 1].max(initial=0.0)))
             norm = max(float(np.abs(side.points).max(initial=0.0)), store.largest_norm)
             norm += float(np.abs(self._shifts[s]).max(initial=0.0))
             if not float32_holds(mass, norm, ground):

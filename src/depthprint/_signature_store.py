@@ -33,6 +33,7 @@ _DOUBLES_UP_TO = 1 << 14
 _FLOAT32_LIMIT = 1e12
 _BY_ITEM = ("weights", "whole_points", "rest", "scales", "errors", "counts", "masses", "complexity")
 _ITEMS_AT_ONCE = 4096
+_NO_POINTS = np.zeros((0, 0, 0), np.float32)
 
 
 class SignatureStore:
@@ -107,12 +108,13 @@ class SignatureStore:
         self.count = last
         self._update_blocks(items, first)
 
-    def items(self, count: int) -> Items:
-        """The first items as the kernels take them."""
+    def items(self, count: int, *, codes_alone: bool = False) -> Items:
+        """The first items as the kernels take them, without points where their codes suffice."""
         from depthprint._kernels.lane_bounds import Items
 
         arrays = (self.counts[:count], self.masses[:count], self.complexity[:count])
-        points = (self.codes, self.rest, self.scales, self.errors, self.whole_points)
+        whole = _NO_POINTS if codes_alone else self.whole_points  # of one type: kernels compile once
+        points = (self.codes, self.rest, self.scales, self.errors, whole)
         return Items(*points, self.weights, self.common_weight, *arrays)
 
     def gather(self, items: IntArray) -> Side:
