@@ -38,6 +38,8 @@ _FEW = 64
 _FIRST_ROUND, _LARGEST_ROUND = 64, 1024
 _ITEMS_PER_SCAN = 4096
 _MOST_DIMS = 1 << 14
+_LARGEST = float(np.finfo(np.float64).max)
+_BOUNDS_PER_ROW = 1024
 
 
 class NearestSearch:
@@ -83,49 +85,46 @@ class NearestSearch:
 
     def _search_blocks(self, blocks: IntArray, k: int) -> None:
         """Decide all items of some blocks: the few of the least coded bounds, then those that are left."""
-        items, parts = self._coded_parts(blocks)
+        groups, parts = self._coded_parts(blocks)
         bounds = parts.sum(axis=0) if len(parts) > 1 else parts[0]
-        left = np.flatnonzero(bounds <= self._threshold())
         first = max(k, _FIRST_BATCH)
-        if len(left) > first:
-            order = np.argpartition(bounds[left], first)
-            self._decide_in_order(items, parts, left[order[:first]])
-            left = left[order[first:]]
-            left = left[bounds[left] <= self._threshold()]
-        if len(left) > _FEW:
-            items = np.sort(items[left])
+        if len(bounds) > first:
+            tried = _few_least(bounds, first)
+            tried = tried[bounds[tried] <= self._threshold()]
+            self._decide_in_order(_items_at(groups, tried), parts[:, tried])
+            bounds[tried] = np.inf
+        left = np.flatnonzero(bounds <= self._threshold())
+        items, parts = _items_at(groups, left), parts[:, left]
+        if len(items) > _FEW:
             parts = self._swept_parts(items)
-            left = np.flatnonzero(parts.sum(axis=0) <= self._threshold())
-        self._decide_in_order(items, parts, left)
+            kept = np.flatnonzero(parts.sum(axis=0) <= self._threshold())
+            items, parts = items[kept], parts[:, kept]
+        self._decide_in_order(items, parts)
 
-    def _decide_in_order(self, items: IntArray, parts: FloatArray, chosen: IntArray) -> None:
-        some = parts[:, chosen]
-        bounds: FloatArray = some.sum(axis=0)
+    def _decide_in_order(self, items: IntArray, parts: FloatArray) -> None:
+        bounds: FloatArray = parts.sum(axis=0)
         order = np.argsort(bounds, kind="stable")
-        swept = some[:, order] if self._sweep_is_whole else None
-        self._decide(items[chosen][order], bounds[order], swept)
+        self._decide(items[order], bounds[order], parts[:, order] if self._sweep_is_whole else None)
 
     def _coded_parts(self, blocks: IntArray) -> tuple[IntArray, FloatArray]:
-        """All items of some blocks, and weighted bounds (streams, items) of their distances from 8-bit codes.
+        """Groups of some blocks, and weighted bounds (streams, items) of distances to all their items from codes.
 
-        They leave out the positions where there are several shifts, or a circular one.
+        They leave out the positions where there are several shifts, or a circular one. Those beyond the last item
+        are inf.
         """
         from depthprint._kernels.codes import sweep_codes
 
         each = ITEMS_PER_BLOCK // ITEMS_PER_GROUP
         groups: IntArray = (np.sort(blocks)[:, None] * each + np.arange(each)).ravel()
-        items: IntArray = (groups[:, None] * ITEMS_PER_GROUP + np.arange(ITEMS_PER_GROUP)).ravel()
-        items = items[: np.searchsorted(items, self.count)]
-        groups = groups[: -(-len(items) // ITEMS_PER_GROUP)]
+        groups = groups[: np.searchsorted(groups, -(-self.count // ITEMS_PER_GROUP))]
         out = np.empty((len(self._stores), len(groups), ITEMS_PER_GROUP))
         for s, store in enumerate(self._stores):
             sweep_codes(
                 self._codes[s], store.codes.view(np.int32)[..., 0], store.items(self.count, codes_alone=True),
                 groups, float(self._streams[s].weight), self._rules[s], out[s],
             )  # fmt: skip
-        parts = out.reshape(len(out), -1)[:, : len(items)]
-        self.bounds_computed += parts.size
-        return items, parts
+        self.bounds_computed += len(out) * min(out[0].size, self.count)
+        return groups, out.reshape(len(out), -1)
 
     def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
         """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
@@ -155,7 +154,8 @@ class NearestSearch:
         return best
 
     def _threshold(self) -> float:
-        return float(self._nearest[-1]) * _ROUNDING
+        """Bounds over it are of no item among the k nearest; finite, since bounds of no item are inf."""
+        return min(float(self._nearest[-1]) * _ROUNDING, _LARGEST)
 
     def _decide(self, items: IntArray, bounds: FloatArray, swept: FloatArray | None) -> None:
         """Exact distances of those items, by rising bound, that may be among the k nearest.
@@ -324,3 +324,20 @@ class NearestSearch:
             parts[s] *= stream.weight
         self.bounds_computed += parts.size
         return parts
+
+
+def _items_at(groups: IntArray, places: IntArray) -> IntArray:
+    """Numbers of the items at some places of groups side by side."""
+    items: IntArray = groups[places // ITEMS_PER_GROUP] * ITEMS_PER_GROUP + places % ITEMS_PER_GROUP
+    return items
+
+
+def _few_least(bounds: FloatArray, count: int) -> IntArray:
+    """Places of the least ``count`` bounds; of many bounds, the least of each of those rows that have the least."""
+    rows = len(bounds) // _BOUNDS_PER_ROW
+    if rows <= 4 * count:
+        return np.argpartition(bounds, count - 1)[:count]
+    table = bounds[: rows * _BOUNDS_PER_ROW].reshape(rows, _BOUNDS_PER_ROW)
+    best = np.argpartition(table.min(axis=1), count - 1)[:count]
+    places: IntArray = best * _BOUNDS_PER_ROW + table[best].argmin(axis=1)
+    return places
