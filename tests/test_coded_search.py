@@ -249,4 +249,4 @@ def test_results_do_not_depend_on_the_weights_being_written_out() -> None:
         written.extend([batch])
         written.add([Signature(np.array([0.3]), points[0, :1] + 50.0)])
         for number in (0, 60):
-            assert one.query([batch[number]], k=7) == written.query([batch[number]], k=7)
+            assert one.query([batch[number]], k=7) == written.query([batch[number]], k=7, limit=120)

@@ -1,4 +1,4 @@
-"""Growing arrays of one stream of an index: signatures, and the short vectors that bound their distances."""
+"""Growing arrays of one stream of an index: signatures, and the boxes that bound the distances of neighbouring ones."""
 
 from __future__ import annotations
 
