@@ -2,242 +2,149 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint._pairs import check_status, pair_rules
+from depthprint._full_scan import ROUNDING, FullScan
+from depthprint._pairs import check_status
 from depthprint._signature_store import (
     ITEMS_PER_BLOCK,
     ITEMS_PER_GROUP,
-    SignatureStore,
     float32_holds,
     summary_slack,
     summary_vectors,
 )
 
 if TYPE_CHECKING:
-    from depthprint._kernels.ground import Side
     from depthprint._kernels.sweep import QueryTiles
-    from depthprint.signature_index import StreamDistance
 
 __all__ = ["NearestSearch"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-# Bounds are sums in floating point; nothing within rounding of the k-th best is dismissed.
-_ROUNDING = 1.0 + 1e-12
-_FIRST_BATCH, _LARGEST_BATCH = 4, 64
+_FIRST_BATCH = 4
 _SEED_BLOCKS = 2
+_FEW_TO_SWEEP = 1 << 14
 _FEW = 64
-_PAIRS_ON_ONE_THREAD = 16
-_FIRST_ROUND = 64
-_BLOCKS_PER_SWEEP = 2048
-_ITEMS_PER_SCAN = 4096
+_FIRST_ROUND, _LARGEST_ROUND = 64, 1024
+_MOST_DIMS = 1 << 14
+_LARGEST = float(np.finfo(np.float64).max)
+_BOUNDS_PER_ROW = 1024
 
 
-class NearestSearch:
+class NearestSearch(FullScan):
     """A query against the first ``count`` items of its streams' stores.
 
     distance(query, item) = min over shifts of the streams' weighted sum. Every bound used is a lower bound of
     it, so what is dismissed for a bound over the k-th best distance so far cannot be among the k nearest.
     """
 
-    def __init__(
-        self,
-        streams: Sequence[StreamDistance],
-        shifts: Sequence[FloatArray],
-        stores: Sequence[SignatureStore],
-        sides: Sequence[Side],
-        count: int,
-    ) -> None:
-        self._streams, self._shifts, self._stores, self._sides = streams, shifts, stores, sides
-        self._rules = [pair_rules(s.masses, s.form, s.ground) for s in streams]
-        self.count = count
-        self._best: dict[int, tuple[float, int]] = {}
-        self.bounds_computed = 0
-        self.emds_solved = 0
-
     def nearest(self, k: int) -> dict[int, tuple[float, int]]:
         """Best (distance, shift) of items, the k nearest certainly among them."""
+        self._best: dict[int, tuple[float, int]] = {}
+        self._nearest = np.full(max(1, min(k, self.count)), np.inf)
         if self.count <= max(k, _FEW) or not self._summaries_usable():
-            self._decide(np.arange(self.count), np.zeros(self.count), None, k)
+            self._decide(np.arange(self.count), np.zeros(self.count), None)
             return self._best
         self._prepare()
+        if self.count <= _FEW_TO_SWEEP:
+            self._search_blocks(np.arange(-(-self.count // ITEMS_PER_BLOCK)), k)
+            return self._best
         blocks = self._block_bounds()
         wanted = min(_SEED_BLOCKS + k // ITEMS_PER_BLOCK, len(blocks))
         near = np.argpartition(blocks, wanted - 1)[:wanted]
-        seeds = self._members(near)
-        seed_parts = self._swept_parts(seeds)
-        bounds: FloatArray = np.sum(seed_parts, axis=0)
-        order = np.argsort(bounds, kind="stable")
-        tried, left = np.split(order, [max(k, _FIRST_BATCH)])
-        self._decide(seeds[tried], bounds[tried], [part[tried] for part in seed_parts], k)
-
+        self._search_blocks(near, k)
         blocks[near] = np.inf
-        near_enough = np.flatnonzero(blocks <= self._threshold(k))
-        items, parts = seeds[left], [part[left] for part in seed_parts]
-        for start in range(0, len(near_enough), _BLOCKS_PER_SWEEP):
-            some, some_parts = self._sweep(near_enough[start : start + _BLOCKS_PER_SWEEP], self._threshold(k))
-            items = np.concatenate([items, some])
-            parts = [np.concatenate(both) for both in zip(parts, some_parts, strict=True)]
-        bounds = np.sum(parts, axis=0)
-        order = np.argsort(bounds, kind="stable")
-        self._decide(items[order], bounds[order], [part[order] for part in parts], k)
+        self._search_blocks(np.flatnonzero(blocks <= self._threshold()), k)
         return self._best
 
-    def _sweep(self, blocks: IntArray, threshold: float) -> tuple[IntArray, list[FloatArray]]:
-        """Items of some blocks whose bounds are no more than ``threshold``, and the streams' parts of the bounds."""
-        items = self._members(blocks)
-        items = items[self._item_bounds(items) <= threshold]
-        parts = self._swept_parts(items)
-        kept = np.flatnonzero(np.sum(parts, axis=0) <= threshold)
-        return items[kept], [part[kept] for part in parts]
+    def _search_blocks(self, blocks: IntArray, k: int) -> None:
+        """Decide all items of some blocks: the few of the least coded bounds, then those that are left."""
+        groups, parts = self._coded_parts(blocks)
+        bounds = parts.sum(axis=0) if len(parts) > 1 else parts[0]
+        first = max(k, _FIRST_BATCH)
+        if len(bounds) > first:
+            tried = _few_least(bounds, first)
+            tried = tried[bounds[tried] <= self._threshold()]
+            self._decide_in_order(_items_at(groups, tried), parts[:, tried])
+            bounds[tried] = np.inf
+        left = np.flatnonzero(bounds <= self._threshold())
+        items, parts = _items_at(groups, left), parts[:, left]
+        if len(items) > _FEW:
+            parts = self._swept_parts(items)
+            kept = np.flatnonzero(parts.sum(axis=0) <= self._threshold())
+            items, parts = items[kept], parts[:, kept]
+        self._decide_in_order(items, parts)
 
-    def relaxed(self, items: IntArray | None = None) -> tuple[FloatArray, IntArray]:
-        """Lower bounds of distances (m,), of all items when None, and the shifts that give them; solves nothing."""
-        items = np.arange(self.count) if items is None else items
-        least, shift = np.empty(len(items)), np.empty(len(items), np.int64)
-        for start in range(0, len(items), _ITEMS_PER_SCAN):
-            part = slice(start, start + _ITEMS_PER_SCAN)
-            bounds: FloatArray = np.sum(self._relaxed_parts(items[part]), axis=0)
-            least[part], shift[part] = bounds.min(axis=1), bounds.argmin(axis=1)
-        return least, shift
+    def _decide_in_order(self, items: IntArray, parts: FloatArray) -> None:
+        bounds: FloatArray = parts.sum(axis=0)
+        order = np.argsort(bounds, kind="stable")
+        self._decide(items[order], bounds[order], parts[:, order] if self._sweep_is_whole else None)
 
-    def all_exact(self, items: IntArray | None = None) -> FloatArray:
-        """Least exact distances (m,), of all items when None; per item, shifts in the order of their bounds."""
-        items = np.arange(self.count) if items is None else items
-        best = np.full(len(items), np.inf)
-        for start in range(0, len(items), _ITEMS_PER_SCAN):
-            scanned = items[start : start + _ITEMS_PER_SCAN]
-            nearest = best[start : start + _ITEMS_PER_SCAN]
-            parts = self._relaxed_parts(scanned)
-            bounds: FloatArray = np.sum(parts, axis=0)
-            ranked = np.argsort(bounds, axis=1, kind="stable")
-            for rank in range(ranked.shape[1]):
-                limits = nearest * _ROUNDING
-                rows = np.flatnonzero(bounds[np.arange(len(scanned)), ranked[:, rank]] <= limits)
-                exact = self._exact(scanned, parts, rows, ranked[rows, rank], limits[rows])
-                nearest[rows] = np.minimum(nearest[rows], exact)
-        return best
+    def _coded_parts(self, blocks: IntArray) -> tuple[IntArray, FloatArray]:
+        """Groups of some blocks, and weighted bounds (streams, items) of distances to all their items from codes.
 
-    def _threshold(self, k: int) -> float:
-        if len(self._best) < k:
-            return np.inf
-        distances = [distance for distance, _ in self._best.values()]
-        kth = min(distances) if k == 1 else float(np.partition(distances, k - 1)[k - 1])
-        return kth * _ROUNDING
+        They leave out the positions where there are several shifts, or a circular one. Those beyond the last item
+        are inf.
+        """
+        from depthprint._kernels.codes import sweep_codes
 
-    def _decide(
-        self, items: IntArray, bounds: FloatArray, swept: Sequence[FloatArray] | None, k: int
-    ) -> None:
+        each = ITEMS_PER_BLOCK // ITEMS_PER_GROUP
+        groups: IntArray = (np.sort(blocks)[:, None] * each + np.arange(each)).ravel()
+        groups = groups[: np.searchsorted(groups, -(-self.count // ITEMS_PER_GROUP))]
+        out = np.empty((len(self._stores), len(groups), ITEMS_PER_GROUP))
+        for s, store in enumerate(self._stores):
+            sweep_codes(
+                self._codes[s], store.codes.view(np.int32)[..., 0], store.items(self.count, codes_alone=True),
+                groups, float(self._streams[s].weight), self._rules[s], out[s],
+            )  # fmt: skip
+        self.bounds_computed += len(out) * min(out[0].size, self.count)
+        return groups, out.reshape(len(out), -1)
+
+    def _threshold(self) -> float:
+        """Bounds over it are of no item among the k nearest; finite, since bounds of no item are inf."""
+        return min(float(self._nearest[-1]) * ROUNDING, _LARGEST)
+
+    def _decide(self, items: IntArray, bounds: FloatArray, swept: FloatArray | None) -> None:
         """Exact distances of those items, by rising bound, that may be among the k nearest.
 
-        ``swept``: the streams' weighted parts of the bounds, which need no repeating where they hold all there is.
+        ``swept`` (streams, items): the streams' weighted parts of the bounds, which need no repeating where they
+        hold all there is.
         """
+        from depthprint._kernels.decision import StreamPairs, decide
+
         start, size = 0, _FIRST_ROUND
-        while start < len(items) and bounds[start] <= self._threshold(k):
+        while start < len(items) and bounds[start] <= self._threshold():
             part = slice(start, start + size)
-            if swept is None or not self._sweep_is_whole:
-                parts = self._relaxed_parts(items[part])
-            else:
-                parts = [whole[part, None] for whole in swept]
-            self._solve_in_bound_order(items[part], parts, k)
-            start, size = start + size, min(2 * size, _ITEMS_PER_SCAN)
-
-    def _solve_in_bound_order(self, items: IntArray, parts: Sequence[FloatArray], k: int) -> None:
-        flat: FloatArray = np.sum(parts, axis=0).ravel()
-        order = np.argsort(flat, kind="stable")
-        start, size = 0, _FIRST_BATCH
-        while start < len(order):
-            threshold = self._threshold(k)
-            pairs = order[start : start + size]
-            pairs = pairs[flat[pairs] <= threshold]
-            if not len(pairs):
-                return
-            rows, shifts = np.divmod(pairs, len(self._shifts[0]))
-            exact = self._exact(items, parts, rows, shifts, np.full(len(rows), threshold))
-            for row, shift, distance in zip(rows.tolist(), shifts.tolist(), exact.tolist(), strict=True):
-                if np.isfinite(distance):
-                    item = int(items[row])
-                    self._best[item] = min(self._best.get(item, (np.inf, -1)), (distance, shift))
-            start += size
-            size = min(2 * size, _LARGEST_BATCH)
-
-    def _relaxed_parts(self, items: IntArray) -> list[FloatArray]:
-        """Weighted relaxed bounds (items, shifts) of each stream."""
-        from depthprint._kernels.relaxation import relaxed_bounds
-
-        parts = []
-        for s, store in enumerate(self._stores):
-            bounds = relaxed_bounds(
-                self._sides[s], store.gather(items), len(items), self._shifts[s], self._rules[s]
+            streams = tuple(
+                StreamPairs(side, store.gather(items[part]), shifts, float(stream.weight), rules)
+                for side, store, shifts, stream, rules in zip(
+                    self._sides, self._stores, self._shifts, self._streams, self._rules, strict=True
+                )
             )
-            parts.append(self._streams[s].weight * bounds)
-            self.bounds_computed += bounds.size
-        return parts
-
-    def _exact(
-        self,
-        items: IntArray,
-        parts: Sequence[FloatArray],
-        rows: IntArray,
-        shifts: IntArray,
-        above: FloatArray,
-    ) -> FloatArray:
-        """Exact combined distances of items[rows]; inf where streams solved so far put a pair over ``above``."""
-        total = np.zeros(len(rows))
-        rest = np.sum([part[rows, shifts] for part in parts], axis=0)
-        alive = np.arange(len(rows))
-        for s in range(len(self._stores)):
-            if not len(alive):
-                break
-            r, shift = rows[alive], shifts[alive]
-            weight = self._streams[s].weight
-            others = np.maximum(rest[alive] - parts[s][r, shift], 0.0)
-            spare = above[alive] * _ROUNDING - total[alive] - others
-            values, solved = self._solve(
-                s, items[r], shift, spare / weight if weight > 0 else np.full(len(r), np.inf)
-            )
-            self.emds_solved += int(solved.sum())
-            total[alive] += weight * values
-            rest[alive] = others
-            alive = alive[total[alive] + rest[alive] <= above[alive] * _ROUNDING]
-        result = np.full(len(rows), np.inf)
-        result[alive] = total[alive]
-        return result
-
-    def _solve(
-        self, s: int, items: IntArray, shifts: IntArray, above: FloatArray
-    ) -> tuple[FloatArray, IntArray]:
-        """Distances of one stream, inf where over ``above``, and which of them took an EMD."""
-        from depthprint._kernels.pairs import pair_distances, solve_run
-
-        side, others, count = self._sides[s], self._stores[s].gather(items), len(items)
-        if count > _PAIRS_ON_ONE_THREAD:
-            values, status, solved = pair_distances(
-                side, others, shifts, above, self._shifts[s], self._rules[s]
-            )
-        else:  # other threads would take longer to wake up
-            values, status, solved = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
-            solve_run(
-                side, others, 0, count, shifts, above, self._shifts[s], self._rules[s], values, status, solved
-            )
-        check_status(status)
-        return values, solved
+            some = bounds[part]
+            parts = np.empty((len(streams), 0)) if swept is None else swept[:, part]
+            distances, shifts = np.full(len(some), np.inf), np.zeros(len(some), np.int64)
+            solved, bounded, status = decide(streams, some, parts, self._nearest, distances, shifts)
+            check_status(np.array([status]))
+            self.emds_solved += solved
+            self.bounds_computed += bounded
+            for n in np.flatnonzero(distances < np.inf):
+                self._best[int(items[start + n])] = float(distances[n]), int(shifts[n])
+            start, size = start + size, min(2 * size, _LARGEST_ROUND)
 
     def _summaries_usable(self) -> bool:
-        """Whether there are appearances, and float32 holds everything that the cheap bounds add up."""
-        if any(
-            store.dims == rules.position_dims for store, rules in zip(self._stores, self._rules, strict=True)
-        ):
-            return False
+        """Whether there are appearances, and float32 and 32-bit sums hold everything that cheap bounds add up."""
+        blocks = -(-self.count // ITEMS_PER_BLOCK)
         for s, store in enumerate(self._stores):
             side, ground = self._sides[s], self._streams[s].ground
-            mass = max(float(side.masses[0]), float(store.masses[: self.count].max(initial=0.0)))
+            if store.dims == ground.position_dims or store.dims > _MOST_DIMS:
+                return False
+            mass = max(float(side.masses[0]), float(store.mass_range[:blocks, 1].max(initial=0.0)))
             norm = max(float(np.abs(side.points).max(initial=0.0)), store.largest_norm)
             norm += float(np.abs(self._shifts[s]).max(initial=0.0))
             if not float32_holds(mass, norm, ground):
@@ -245,35 +152,37 @@ class NearestSearch:
         return True
 
     def _prepare(self) -> None:
-        """The query as the cheap bounds take it: a summary vector, and tiles of points, for each stream."""
+        """The query's codes of each stream."""
+        from depthprint._kernels.codes import code_query
+
+        one_shift = len(self._shifts[0]) == 1
+        self._sweep_is_whole = one_shift and all(rules.period == 0.0 for rules in self._rules)
+        self._codes = [code_query(*self._as_swept(s), store.dims) for s, store in enumerate(self._stores)]
+
+    @cached_property
+    def _vectors(self) -> list[npt.NDArray[np.float32]]:
+        """The query's summary vector of each stream."""
+        return [
+            summary_vectors(side.weights, side.points.transpose(0, 2, 1), stream.ground)[0][0]
+            for side, stream in zip(self._sides, self._streams, strict=True)
+        ]
+
+    @cached_property
+    def _tiles(self) -> list[QueryTiles]:
         from depthprint._kernels.sweep import tile_query
 
-        self._vectors: list[npt.NDArray[np.float32]] = []
-        self._tiles: list[QueryTiles] = []
-        whole = len(self._shifts[0]) == 1
-        self._sweep_is_whole = whole and all(rules.period == 0.0 for rules in self._rules)
-        for s, side in enumerate(self._sides):
-            vectors, _ = summary_vectors(
-                side.weights, side.points.transpose(0, 2, 1), self._streams[s].ground
-            )
-            self._vectors.append(vectors[0])
-            points = side.points[0, : int(side.counts[0])].copy()
-            positions = self._rules[s].position_dims
-            appearance = points.shape[1] - positions
-            if self._sweep_is_whole:
-                points[:, appearance:] += self._shifts[s][0]
-            else:
-                points = points[:, :appearance]
-            self._tiles.append(
-                tile_query(
-                    points, side.weights[0], float(side.masses[0]), float(side.complexity[0]),
-                    self._stores[s].largest_norm,
-                )
-            )  # fmt: skip
+        return [tile_query(*self._as_swept(s), store.largest_norm) for s, store in enumerate(self._stores)]
 
-    def _members(self, blocks: IntArray) -> IntArray:
-        items: IntArray = (np.sort(blocks)[:, None] * ITEMS_PER_BLOCK + np.arange(ITEMS_PER_BLOCK)).ravel()
-        return items[: np.searchsorted(items, self.count)]
+    def _as_swept(self, s: int) -> tuple[FloatArray, FloatArray, float, float]:
+        """Points, weights, mass and complexity of the query; the points without positions if these may vary."""
+        side, rules = self._sides[s], self._rules[s]
+        points = side.points[0, : int(side.counts[0])].copy()
+        appearance = points.shape[1] - rules.position_dims
+        if self._sweep_is_whole:
+            points[:, appearance:] += self._shifts[s][0]
+        else:
+            points = points[:, :appearance]
+        return points, side.weights[0], float(side.masses[0]), float(side.complexity[0])
 
     def _block_bounds(self) -> FloatArray:
         from depthprint._kernels.summaries import add_block_bounds
@@ -292,29 +201,41 @@ class NearestSearch:
 
         out = np.zeros(len(items))
         for s, store in enumerate(self._stores):
-            side, stream = self._sides[s], self._streams[s]
+            side, stream, others = self._sides[s], self._streams[s], store.gather(items)
+            vectors, _ = summary_vectors(others.weights, others.points, stream.ground)
             add_item_bounds(
-                self._vectors[s], side.masses[0], side.complexity[0], store.vectors, store.masses,
-                store.complexity, items, summary_slack(stream.ground), stream.weight, self._rules[s], out,
+                self._vectors[s], side.masses[0], side.complexity[0], vectors, others.masses, others.complexity,
+                np.arange(len(items)), summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 
-    def _swept_parts(self, items: IntArray) -> list[FloatArray]:
-        """Weighted bounds (len(items),) of each stream's distances to some items, in rising order, in float32.
+    def _swept_parts(self, items: IntArray) -> FloatArray:
+        """Weighted bounds (streams, len(items)) of the distances to some items in float32.
 
         They leave out the positions where there are several shifts, or a circular one.
         """
         from depthprint._kernels.sweep import sweep_bounds
 
-        group, lanes = np.divmod(items, ITEMS_PER_GROUP)
-        first = np.diff(group, prepend=-1) > 0
-        groups, where = group[first], np.cumsum(first) - 1
-        parts = []
-        for s, store in enumerate(self._stores):
-            bounds = sweep_bounds(
-                self._tiles[s], store.points, store.weights, store.counts[: self.count], store.masses,
-                store.complexity, groups, self._rules[s],
-            )  # fmt: skip
-            parts.append(self._streams[s].weight * bounds[where, lanes])
-            self.bounds_computed += len(items)
+        parts = np.empty((len(self._stores), len(items)))
+        for s, stream in enumerate(self._streams):
+            parts[s] = sweep_bounds(self._tiles[s], self._items[s], items, self._rules[s])
+            parts[s] *= stream.weight
+        self.bounds_computed += parts.size
         return parts
+
+
+def _items_at(groups: IntArray, places: IntArray) -> IntArray:
+    """Numbers of the items at some places of groups side by side."""
+    items: IntArray = groups[places // ITEMS_PER_GROUP] * ITEMS_PER_GROUP + places % ITEMS_PER_GROUP
+    return items
+
+
+def _few_least(bounds: FloatArray, count: int) -> IntArray:
+    """Places of the least ``count`` bounds; of many bounds, the least of each of those rows that have the least."""
+    rows = len(bounds) // _BOUNDS_PER_ROW
+    if rows <= 4 * count:
+        return np.argpartition(bounds, count - 1)[:count]
+    table = bounds[: rows * _BOUNDS_PER_ROW].reshape(rows, _BOUNDS_PER_ROW)
+    best = np.argpartition(table.min(axis=1), count - 1)[:count]
+    places: IntArray = best * _BOUNDS_PER_ROW + table[best].argmin(axis=1)
+    return places

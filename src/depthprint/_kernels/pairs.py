@@ -14,17 +14,17 @@ from depthprint._kernels.ground import PairRules, Side, ground_costs
 from depthprint._kernels.relaxation import normalise, reduced_work
 from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
-__all__ = ["difference_tasks", "pair_distances", "solve_many", "solve_run"]
+__all__ = ["ROUNDING", "difference_tasks", "pair_distance", "pair_distances", "solve_many", "solve_run"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
 _PAIRS_PER_TASK = 4
-_ROUNDING = 1.0 + 1e-12  # a bound computed in floating point may exceed the distance by its rounding
+ROUNDING = 1.0 + 1e-12  # a bound computed in floating point may exceed the distance by its rounding
 
 
 @njit(cache=True, nogil=True)
-def _pair(
+def pair_distance(
     left: Side,
     a: int,
     right: Side,
@@ -45,7 +45,7 @@ def _pair(
     ground_costs(left.points[a], right.points[b], m, n, shift, rules, cost)
     if above < np.inf:
         bound = reduced_work(left, a, right, b, cost, m, n, minima, rules)
-        if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * _ROUNDING:
+        if normalise(bound, left.complexity[a], right.complexity[b], rules.form) > above * ROUNDING:
             return np.inf, OPTIMAL, False
     limit = np.inf
     if above < np.inf:
@@ -83,7 +83,7 @@ def difference_tasks(
         for j in range(tasks[t, 1], tasks[t, 2]):
             best = np.inf
             for s in range(len(shifts)):
-                value, code, _ = _pair(
+                value, code, _ = pair_distance(
                     left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
                 )
                 if code != OPTIMAL:
@@ -138,7 +138,7 @@ def solve_run(
     minima = np.empty((2, max(k_p, k_q)))
     alone = len(left.counts) == 1
     for t in range(first, last):
-        value, code, was_solved = _pair(
+        value, code, was_solved = pair_distance(
             left, 0 if alone else t, right, t, shifts[chosen[t]], above[t], rules, ints, icost, cost, minima
         )
         distances[t] = value

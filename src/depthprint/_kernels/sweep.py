@@ -1,4 +1,4 @@
-"""Relaxed bounds in float32 of all items of an index, LANES of them side by side.
+"""Relaxed bounds in float32 of some items of an index, LANES of them side by side.
 
 Least squared distances come from products: |p - q|^2 = |p|^2 + |q|^2 - 2 p q. What float32 may have rounded,
 in the products and in the points themselves, is taken off, so that what is returned is a lower bound.
@@ -6,17 +6,17 @@ in the products and in the points themselves, is taken off, so that what is retu
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
 from depthprint._kernels.ground import PairRules
-from depthprint._kernels.relaxation import normalise, relaxed_work
+from depthprint._kernels.lane_bounds import Items, copy_points, copy_weights, lane_bounds
 from depthprint._kernels.tiles import LANES, TILE_ROWS, load_column, meet_column, weigh_least
 
-__all__ = ["QueryTiles", "gather_items", "sweep_bounds", "tile_query"]
+__all__ = ["QueryTiles", "sweep_bounds", "tile_query"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -24,7 +24,6 @@ Float32Array = npt.NDArray[np.float32]
 
 _FAR = np.float32(-1e38)
 _FARTHEST = np.float32(-3e38)
-_GROUPS_PER_TASK = 8
 _UNDERFLOW = 1e-36  # squares below it are lost in float32
 
 
@@ -64,90 +63,43 @@ def tile_query(
 
 
 @njit(cache=True, parallel=True)
-def sweep_bounds(
-    query: QueryTiles,
-    points: Any,
-    weights: Any,
-    counts: IntArray,
-    masses: FloatArray,
-    complexities: FloatArray,
-    groups: IntArray,
-    rules: PairRules,
-) -> FloatArray:
-    """(len(groups), LANES) lower bounds of the distances of a query to the items of some groups.
-
-    points (groups, k, d, LANES), whose first coordinates the query has, and weights (groups, k, LANES) may be
-    float32 or float64. Lanes beyond the last item get 0.
-    """
-    out = np.zeros((len(groups), LANES))
+def sweep_bounds(query: QueryTiles, items: Items, chosen: IntArray, rules: PairRules) -> FloatArray:
+    """Lower bounds (len(chosen),) of the distances of a query to some items, whose first coordinates it has."""
+    out = np.empty(len(chosen))
     tiles, dims = query.halves.shape[0], query.points.shape[1]
-    m, k_q = len(query.weights), points.shape[1]
+    m, k_q = len(query.weights), items.rest.shape[2]
     squared, slack = np.float32(query.slack_squared), np.float32(query.slack)
     shrink, most = np.float32(1.0 - 5e-7), np.float32(rules.cap * (1.0 - 1e-7))
-    for task in prange((len(groups) + _GROUPS_PER_TASK - 1) // _GROUPS_PER_TASK):
+    for group in prange((len(chosen) + LANES - 1) // LANES):
+        some = chosen[group * LANES : (group + 1) * LANES]
+        points = np.zeros((1, k_q, dims, LANES), np.float32)
+        weights = np.zeros((k_q, LANES))
         q, q_halves = np.empty((dims, LANES), np.float32), np.empty(LANES, np.float32)
-        tile_rows, columns = (
-            np.empty((tiles, TILE_ROWS, LANES), np.float32),
-            np.empty((k_q, LANES), np.float32),
-        )
-        rows = tile_rows.reshape(tiles * TILE_ROWS, LANES)
+        tile_rows = np.full((tiles, TILE_ROWS, LANES), _FARTHEST)
+        rows, columns = tile_rows.reshape(-1, LANES), np.full((k_q, LANES), _FARTHEST)
         from_query, from_item = np.empty(LANES), np.empty(LANES)
-        minima = np.empty((2, max(m, k_q)))
-        weights_q = np.empty(k_q)
-        for g in range(task * _GROUPS_PER_TASK, min(len(groups), (task + 1) * _GROUPS_PER_TASK)):
-            first = groups[g] * LANES
-            present = min(LANES, len(counts) - first)
-            widest = counts[first : first + present].max()
-            rows[:] = _FARTHEST
-            columns[:widest] = _FARTHEST
-            for j in range(widest):
-                load_column(points, groups[g], j, q, q_halves)
-                for x in range(present):
-                    if j >= counts[first + x]:
-                        q_halves[x] = _FAR
-                for tile in range(tiles):
-                    meet_column(query.points, query.halves, tile, q, q_halves, dims, tile_rows, columns, j)
-            weigh_least(rows, m, query.weights, from_query, squared, slack, shrink, most)
-            weigh_least(columns, widest, weights[groups[g]], from_item, squared, slack, shrink, most)
-            for x in range(present):
-                item = first + x
-                emd = query.complexity + complexities[item]
-                if query.mass > 0.0 and masses[item] > 0.0:
-                    if rules.balance or query.mass == masses[item]:
-                        emd = max(from_query[x], from_item[x])
-                        if rules.divide:
-                            emd /= min(query.mass, masses[item])
-                    else:
-                        n = counts[item]
-                        for i in range(m):
-                            minima[0, i] = rows[i, x]
-                        for j in range(n):
-                            minima[1, j] = columns[j, x]
-                            weights_q[j] = weights[groups[g], j, x]
-                        emd = relaxed_work(
-                            query.weights,
-                            query.mass,
-                            m,
-                            weights_q,
-                            masses[item],
-                            n,
-                            minima[0],
-                            minima[1],
-                            rules,
-                        )
-                out[g, x] = normalise(emd, query.complexity, complexities[item], rules.form)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def gather_items(weights: Any, points: Any, items: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Weights (n, k) and points (n, d, k) of some items in double precision."""
-    k_q, dims = points.shape[1], points.shape[2]
-    some_weights, some_points = np.empty((len(items), k_q)), np.empty((len(items), dims, k_q))
-    for n in range(len(items)):
-        group, lane = items[n] // LANES, items[n] % LANES
-        for j in range(k_q):
-            some_weights[n, j] = weights[group, j, lane]
+        minima, weights_q = np.empty((2, max(m, k_q))), np.empty(k_q)
+        whole = np.empty(items.rest.shape[1:3])
+        widest = 0
+        for x in range(len(some)):
+            widest = max(widest, items.counts[some[x]])
+            copy_weights(items, some[x], weights_q)
+            weights[:, x] = weights_q
+            copy_points(items, some[x], whole)
             for k in range(dims):
-                some_points[n, k, j] = points[group, j, k, lane]
-    return some_weights, some_points
+                for j in range(items.counts[some[x]]):
+                    points[0, j, k, x] = whole[k, j]
+        for j in range(widest):
+            load_column(points, 0, j, q, q_halves)
+            for x in range(len(some)):
+                if j >= items.counts[some[x]]:
+                    q_halves[x] = _FAR
+            for tile in range(tiles):
+                meet_column(query.points, query.halves, tile, q, q_halves, dims, tile_rows, columns, j)
+        weigh_least(rows, m, query.weights, from_query, squared, slack, shrink, most)
+        weigh_least(columns, widest, weights, from_item, squared, slack, shrink, most)
+        lane_bounds(
+            query.weights, query.mass, query.complexity, items, some, from_query, from_item, rows, columns,
+            minima, weights_q, rules, out[group * LANES :],
+        )  # fmt: skip
+    return out

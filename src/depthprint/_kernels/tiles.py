@@ -27,7 +27,7 @@ _INT32 = ir.IntType(32)
 def load_column(typingctx: Any, points: Any, group: Any, j: Any, q: Any, q_halves: Any) -> Any:
     """Column j of a group of points (groups, columns, d, LANES) into q and q_halves, as `meet_column` takes them.
 
-    Reads as many coordinates as q has. The points may be float32 or float64.
+    Reads as many coordinates as q has. All float32 and contiguous; nothing is checked.
     """
     del typingctx
     return types.void(points, group, j, q, q_halves), _emit_load
@@ -70,8 +70,9 @@ def weigh_least(
 ) -> Any:
     """Turn halves[:count] (n, LANES), the largest -d^2 / 2, into lower bounds of min(d, cap), and weigh them.
 
-    A bound is max(sqrt(max(d^2 - squared, 0)) shrink - slack, 0), all float32. Writes the weighted sums to total
-    (LANES,) float64; weights are (n,), or (n, LANES) in either precision.
+    A bound is max(sqrt(max(d^2 - squared, 0)) shrink - slack, 0), all float32; slack and shrink may be numbers or
+    (LANES,). Halves may be int32, and their memory holds the float32 bounds afterwards. Writes the weighted sums
+    to total (LANES,) float64; weights are (n,), or (n, LANES) in either precision.
     """
     del typingctx
     return types.void(halves, count, weights, total, squared, slack, shrink, cap), _emit_weighing
@@ -92,8 +93,6 @@ def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     )
     _, group, j, _, _ = arguments
     size = group.type
-    double = signature.args[0].dtype == types.float64
-    stored = ir.VectorType(ir.DoubleType(), LANES) if double else _LANES
     _, columns, coordinates, _ = cgutils.unpack_tuple(builder, points.shape)
     dims, _ = cgutils.unpack_tuple(builder, q.shape)
     first = builder.mul(builder.add(builder.mul(group, columns), j), coordinates)
@@ -104,9 +103,7 @@ def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     builder.position_at_end(loop)
     k, total = builder.phi(size), builder.phi(_LANES)
     source = builder.gep(points.data, [builder.mul(builder.add(first, k), size(LANES))])
-    values = builder.load(builder.bitcast(source, stored.as_pointer()), align=4)
-    if double:
-        values = builder.fptrunc(values, _LANES)
+    values = builder.load(_vector(builder, source), align=4)
     target = _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))]))
     builder.store(values, target, align=4)
     following, squares = builder.add(k, size(1)), builder.call(_fused(builder), [values, values, total])
@@ -187,6 +184,7 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     )
     count = arguments[1]
     size, doubles = count.type, ir.VectorType(ir.DoubleType(), LANES)
+    integers = signature.args[0].dtype == types.int32
 
     def spread(value: Any) -> Any:
         vector = ir.VectorType(value.type, LANES)
@@ -196,7 +194,13 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     def extreme(sign: str, x: Any, y: Any) -> Any:
         return builder.select(builder.fcmp_ordered(sign, x, y), x, y)
 
-    squared, slack, shrink, cap = (spread(value) for value in arguments[4:])
+    def lanes(k: int) -> Any:
+        if not isinstance(signature.args[k], types.Array):
+            return spread(arguments[k])
+        array = context.make_array(signature.args[k])(context, builder, arguments[k])
+        return builder.load(_vector(builder, array.data), align=4)
+
+    squared, slack, shrink, cap = (lanes(k) for k in range(4, 8))
     zero = _LANES([0.0] * LANES)
     root = cgutils.get_or_insert_function(
         builder.module, ir.FunctionType(_LANES, [_LANES]), f"llvm.sqrt.v{LANES}f32"
@@ -209,11 +213,19 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     builder.cbranch(builder.icmp_signed("<", k, count), work, after)
     builder.position_at_end(work)
     at = builder.mul(k, size(LANES))
-    place = _vector(builder, builder.gep(halves, [at]))
-    square = builder.fsub(builder.fmul(builder.load(place, align=4), _LANES([-2.0] * LANES)), squared)
+    place: Any = builder.gep(halves, [at])
+    place = (
+        builder.bitcast(place, ir.VectorType(_INT32, LANES).as_pointer())
+        if integers
+        else _vector(builder, place)
+    )
+    half = builder.load(place, align=4)
+    if integers:
+        half = builder.sitofp(half, _LANES)
+    square = builder.fsub(builder.fmul(half, _LANES([-2.0] * LANES)), squared)
     least = builder.fmul(builder.call(root, [extreme(">", square, zero)]), shrink)
     least = extreme("<", extreme(">", builder.fsub(least, slack), zero), cap)
-    builder.store(least, place, align=4)
+    builder.store(least, builder.bitcast(place, _LANES.as_pointer()), align=4)
     if signature.args[2].ndim == 1:
         weight = spread(builder.load(builder.gep(weights, [k])))
     else:
