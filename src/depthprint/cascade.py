@@ -15,6 +15,8 @@ from depthprint.verified_recognizer import VerifiedRecognizer
 __all__ = ["make_cascade"]
 
 _FRAMES_THAT_SECOND = 3
+# On forward and spinning sensors more than these give no more loops; planar scans are checked in no time.
+_CHECKED, _CHECKED_BY_HAND, _CHECKED_PLANAR = 4, 6, 12
 
 
 def make_cascade(
@@ -42,13 +44,14 @@ def make_cascade(
         inner = ComplexityRecognizer(encoder, relaxed=settings.relaxed and not settings.exact)
     if not settings.verify:
         return inner
+    checked = _places_checked(encoder) if settings.verified is None else settings.verified
     polar = encoder.settings.polar
     shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
     return VerifiedRecognizer(
         inner,
-        settings.verified,
+        checked,
         spread=settings.spread,
-        pool=settings.ranked if settings.vectors else None,
+        pool=max(settings.ranked, checked) if settings.vectors else None,
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
@@ -57,3 +60,16 @@ def make_cascade(
         verifier=verifier,
         views=views,
     )
+
+
+def _places_checked(encoder: Encoder) -> int:
+    """How many proposals geometry looks at, by the sensor that the encoder is made for."""
+    channels = {
+        channel
+        for stream in encoder.settings.streams
+        if stream.view == "polar"
+        for channel in stream.channels
+    }
+    if not channels:
+        return _CHECKED_BY_HAND
+    return _CHECKED_PLANAR if "count" in channels else _CHECKED

@@ -56,13 +56,19 @@ class CosineRecognizer:
         sectors: Sequence[int] | None = None,
     ) -> list[PlaceMatch]:
         """Nearest places with the shift in sectors; ``sectors``: shifts to try in place of the encoder's."""
+        distances, shifts = self.distances(description, limit, sectors)
+        return nearest_matches(distances, k, shifts)
+
+    def distances(
+        self, description: Encoding, limit: int | None = None, sectors: Sequence[int] | None = None
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+        """Distances (n,) to all places below ``limit``, and the shifts (n,) in sectors that give them."""
         rows = self._store.rows(limit)
         tried = self._sectors if sectors is None else sectors
         if not len(rows) or not len(tried):
-            return []
+            return np.empty(0, dtype=np.float32), np.empty(0)
         distances = self._distances(description, rows, tried)
-        shifts = np.asarray(tried, dtype=np.float64)[distances.argmin(1)]
-        return nearest_matches(distances.min(1), k, shifts)
+        return distances.min(1), np.asarray(tried, dtype=np.float64)[distances.argmin(1)]
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""

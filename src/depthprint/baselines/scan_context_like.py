@@ -61,12 +61,19 @@ class ScanContextLikeRecognizer:
         self, description: npt.NDArray[np.float32], k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
         """Nearest places, with the shift in sectors that brings the query onto them."""
+        distances = self.distances(description, limit)
+        if not distances.size:
+            return []
+        return nearest_matches(distances.min(0), k, self._shifts[distances.argmin(0)].astype(np.float64))
+
+    def distances(
+        self, description: npt.NDArray[np.float32], limit: int | None = None
+    ) -> npt.NDArray[np.float32]:
+        """Distances (shifts, n) to the places below ``limit``."""
         rows, occupied = self._columns.rows(limit), self._occupied.rows(limit)
         if not len(rows):
-            return []
-        distances = column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
-        best = distances.argmin(0)
-        return nearest_matches(distances.min(0), k, self._shifts[best].astype(np.float64))
+            return np.empty((len(self._shifts), 0), dtype=np.float32)
+        return column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
 
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Mean cosine distance of the columns at the best shift."""
