@@ -70,7 +70,7 @@ def test_the_distance_is_symmetric_and_has_no_units(first, second):
     assert distance(a, b) == pytest.approx(distance(7 * a, 7 * b), abs=1e-3)
 
 
-@pytest.mark.parametrize("columns", [2, 30, 58])
+@pytest.mark.parametrize("columns", [10, 30, 50])
 def test_columns_of_a_full_circle_shift_around(columns):
     ring = thumbnail(3, (2, 60))
     turned = np.roll(ring, columns, axis=1)
