@@ -51,7 +51,8 @@ class RangeThumbnails:
         self._shape: tuple[int, int] | None = None
         self._shifts: list[tuple[int, int]] = []
         self._seen = np.empty((0, 0), dtype=np.float32)
-        self._rows, self._sums, self._squares = VectorStore(), VectorStore(), VectorStore()
+        self._counts = np.empty(0, dtype=np.float32)
+        self._rows, self._variances = VectorStore(), VectorStore()
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -62,8 +63,8 @@ class RangeThumbnails:
             self._prepare(thumbnail.shape)
         self._require_shape(thumbnail)
         centred = (thumbnail - thumbnail.mean()).reshape(-1)
-        self._sums.add(self._seen @ centred)
-        self._squares.add(self._seen @ centred**2)
+        means = self._seen @ centred / self._counts
+        self._variances.add(self._seen @ centred**2 / self._counts - means**2)
         return self._rows.add(centred)
 
     def distances(self, thumbnail: Float32Array, limit: int | None = None) -> Float32Array:
@@ -74,17 +75,16 @@ class RangeThumbnails:
         self._require_shape(thumbnail)
         centred = thumbnail - thumbnail.mean()
         moved = np.stack([self._moved(centred, *shift).reshape(-1) for shift in self._shifts])
-        count = self._seen.sum(1)
+        # Without its mean over what both show, the query's product with a place needs none of the place's.
+        moved -= self._seen * (moved.sum(1) / self._counts)[:, None]
+        own = (moved**2).sum(1) / self._counts
+        moved *= (2.0 / self._counts)[:, None]
         from depthprint._kernels.blocks import one_blas_thread
 
         with one_blas_thread():
-            products = rows @ moved.T
-        mean, places = moved.sum(1) / count, self._sums.rows(limit) / count
-        own = (moved**2).sum(1) / count - mean**2
-        theirs = self._squares.rows(limit) / count - places**2
-        shared = products / count - mean * places
-        both = np.maximum(own + theirs, _LEAST_VARIANCE)
-        return np.asarray(np.sqrt(np.clip(1.0 - 2.0 * shared / both, 0.0, None).min(1)))
+            alike = rows @ moved.T
+        alike /= self._variances.rows(limit) + (own + np.float32(_LEAST_VARIANCE))
+        return np.asarray(np.sqrt(np.maximum(1.0 - alike.max(1), 0.0)))
 
     def _prepare(self, shape: tuple[int, ...]) -> None:
         self._shape = (shape[0], shape[1])
@@ -95,6 +95,7 @@ class RangeThumbnails:
             self._shifts = [(y, x) for y in range(-down, down + 1) for x in range(-across, across + 1)]
         ones: Float32Array = np.ones(self._shape, dtype=np.float32)
         self._seen = np.stack([self._moved(ones, *shift).reshape(-1) for shift in self._shifts])
+        self._counts = self._seen.sum(1)
 
     def _moved(self, thumbnail: Float32Array, down: int, across: int) -> Float32Array:
         """The thumbnail moved, 0 where nothing came in."""
