@@ -370,7 +370,7 @@ def test_rankings_propose_in_turn_and_never_one_place_twice():
 
 def test_columns_propose_what_the_codes_do_not(encoder):
     """Every code is the same here, so only the map can tell the places apart."""
-    fused = FusedRecognizer(encoder, CascadeSettings(ranked=2, spread=1))
+    fused = FusedRecognizer(encoder, CascadeSettings(ranked=2, spread=1, columns=True))
     blind = FusedRecognizer(encoder, CascadeSettings(ranked=2, spread=1, columns=False))
     coded = encoder.describe(DEFAULT[0])
     for image in DEFAULT:

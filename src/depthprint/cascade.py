@@ -7,6 +7,7 @@ from functools import partial
 from depthprint.cascade_settings import CascadeSettings
 from depthprint.encoder import Encoder
 from depthprint.fused_recognizer import FusedRecognizer
+from depthprint.presets import is_planar
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
@@ -15,8 +16,8 @@ from depthprint.verified_recognizer import VerifiedRecognizer
 __all__ = ["make_cascade"]
 
 _FRAMES_THAT_SECOND = 3
-# On forward and spinning sensors more than these give no more loops; planar scans are checked in no time.
-_CHECKED, _CHECKED_BY_HAND, _CHECKED_PLANAR = 4, 6, 12
+# Of forward and spinning sensors more give no more loops. The others have as many from the columns as from the codes.
+_CHECKED, _CHECKED_BY_HAND, _CHECKED_PLANAR = 4, 10, 12
 
 
 def make_cascade(
@@ -64,12 +65,7 @@ def make_cascade(
 
 def _places_checked(encoder: Encoder) -> int:
     """How many proposals geometry looks at, by the sensor that the encoder is made for."""
-    channels = {
-        channel
-        for stream in encoder.settings.streams
-        if stream.view == "polar"
-        for channel in stream.channels
-    }
-    if not channels:
-        return _CHECKED_BY_HAND
-    return _CHECKED_PLANAR if "count" in channels else _CHECKED
+    settings = encoder.settings
+    if is_planar(settings):
+        return _CHECKED_PLANAR
+    return _CHECKED if any(stream.view == "polar" for stream in settings.streams) else _CHECKED_BY_HAND

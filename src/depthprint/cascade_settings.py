@@ -22,7 +22,7 @@ class CascadeSettings:
     thumbnail_weight: weight of the centred thumbnails' distance in both sums, 0 for none; None: 0.3 where views in
         perspective are coded, 0 for bird's-eye ones.
     columns: where geometry follows, half of the ranked places are those that the uncoded columns of a bird's-eye map
-        propose; not on a full circle, where every shift would have to be tried.
+        propose; None: for hand-held views and planar scans. Never on a full circle, where every shift is to be tried.
     verify: the best ``verified`` places (None: as many as suit the sensor), at least ``spread`` frames apart, are
         checked by geometry.
     turned: so many places of a forward view, seen under a heading that the distances do not reach, are checked where
@@ -37,7 +37,7 @@ class CascadeSettings:
     vectors: bool = True
     relaxed: bool = True
     exact: bool = True
-    columns: bool = True
+    columns: bool | None = None
     verify: bool = True
     climb: bool = True
     consistency: bool = True

@@ -17,7 +17,7 @@ from depthprint.encoded_places import EncodedPlaces
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
-from depthprint.presets import bird_eye_columns
+from depthprint.presets import bird_eye_columns, is_planar
 from depthprint.proposals import spread_in_time, taken_in_turn
 from depthprint.range_image import RangeImage
 from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
@@ -172,7 +172,10 @@ class FusedRecognizer(EncodedPlaces):
         self._wraps = settings.polar.full_circle and self._polar
         self._thumbnails = RangeThumbnails(wraps=self._wraps) if self._thumbnail_weight > 0 else None
         self._columns: ScanContextLikeRecognizer | None = None
-        if self.settings.columns and self.settings.verify and not self._wraps:
+        wanted = self.settings.columns
+        if wanted is None:
+            wanted = not self._polar or is_planar(settings)
+        if wanted and self.settings.verify and not self._wraps:
             polar, channels, max_shift = bird_eye_columns(settings)
             self._columns = ScanContextLikeRecognizer(polar, channels[:1], max_shift)
 
