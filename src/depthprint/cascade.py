@@ -17,7 +17,7 @@ __all__ = ["make_cascade"]
 
 _FRAMES_THAT_SECOND = 3
 # Of forward and spinning sensors more give no more loops. The others have as many from the columns as from the codes.
-_CHECKED, _CHECKED_BY_HAND, _CHECKED_PLANAR = 4, 10, 12
+_CHECKED, _CHECKED_WITH_COLUMNS = 4, 10
 
 
 def make_cascade(
@@ -66,6 +66,5 @@ def make_cascade(
 def _places_checked(encoder: Encoder) -> int:
     """How many proposals geometry looks at, by the sensor that the encoder is made for."""
     settings = encoder.settings
-    if is_planar(settings):
-        return _CHECKED_PLANAR
-    return _CHECKED if any(stream.view == "polar" for stream in settings.streams) else _CHECKED_BY_HAND
+    in_perspective = all(stream.view != "polar" for stream in settings.streams)
+    return _CHECKED_WITH_COLUMNS if in_perspective or is_planar(settings) else _CHECKED
