@@ -50,8 +50,8 @@ class RangeThumbnails:
         self._wraps = wraps
         self._shape: tuple[int, int] | None = None
         self._shifts: list[tuple[int, int]] = []
-        self._seen = np.empty((0, 0), dtype=np.float32)
-        self._counts = np.empty(0, dtype=np.float32)
+        self._seen: Float32Array = np.empty((0, 0), dtype=np.float32)
+        self._counts: Float32Array = np.empty(0, dtype=np.float32)
         self._rows, self._variances = VectorStore(), VectorStore()
 
     def __len__(self) -> int:
@@ -93,7 +93,7 @@ class RangeThumbnails:
         else:
             down, across = min(_DOWN, shape[0] // 4), _ACROSS_SCAN if shape[0] == 1 else _ACROSS
             self._shifts = [(y, x) for y in range(-down, down + 1) for x in range(-across, across + 1)]
-        ones: Float32Array = np.ones(self._shape, dtype=np.float32)
+        ones = np.ones(self._shape, dtype=np.float32)
         self._seen = np.stack([self._moved(ones, *shift).reshape(-1) for shift in self._shifts])
         self._counts = self._seen.sum(1)
 
