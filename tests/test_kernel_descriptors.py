@@ -20,7 +20,7 @@ from depthprint.baselines.kernel_descriptors.match_kernel import (
     kpca_directions,
 )
 from depthprint.baselines.kernel_descriptors.patch_grid import depth_and_points, mirrored_image, patch_corners
-from depthprint.baselines.kernel_descriptors.size import size_descriptors, size_kernel
+from depthprint.baselines.kernel_descriptors.size import N_NODES, NODE_STEP_M, size_descriptors, size_kernel
 from depthprint.baselines.kernel_descriptors.spin import spin_descriptors, spin_kernel, surface_normals
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow, Pinhole
@@ -224,12 +224,24 @@ def test_size_descriptor_is_the_mean_over_distances_to_all_points():
     np.testing.assert_allclose(described.vectors[0], expected, atol=1e-5)
 
 
-def test_far_points_add_nothing_to_the_size_and_do_not_overflow():
-    from depthprint._kernels.point_kernels import mean_distance_kernels
+def test_cubics_between_nodes_give_the_kernel_of_a_distance():
+    from depthprint._kernels.point_kernels import mean_distance_shares
 
-    cloud = np.array([[0.0, 0.0, 1.3], [0.0, 0.0, 40.0]])
-    sums = mean_distance_kernels(np.array([[0.0, 0.0, 1.0]]), cloud, 100, 1 / 99, 30.0)
-    np.testing.assert_allclose(sums[0], 0.5 * np.exp(-30 * (0.3 - np.arange(100) / 99) ** 2), atol=1e-12)
+    cloud = np.random.default_rng(2).uniform(-0.6, 0.6, (300, 3))
+    shares = mean_distance_shares(np.zeros((1, 3)), cloud, NODE_STEP_M, N_NODES)
+    nodes = NODE_STEP_M * (np.arange(N_NODES) - 1)
+    for basis in (0.0, 0.4, 1.0):
+        expected = np.exp(-30.0 * (np.linalg.norm(cloud, axis=1) - basis) ** 2).mean()
+        assert shares[0] @ np.exp(-30.0 * (nodes - basis) ** 2) == pytest.approx(expected, abs=1e-7)
+
+
+def test_far_points_add_nothing_to_the_size_and_do_not_overflow():
+    from depthprint._kernels.point_kernels import mean_distance_shares
+
+    centres = np.array([[0.0, 0.0, 1.0]])
+    near = mean_distance_shares(centres, np.array([[0.0, 0.0, 1.3]]), NODE_STEP_M, N_NODES)
+    both = mean_distance_shares(centres, np.array([[0.0, 0.0, 1.3], [0.0, 0.0, 4e9]]), NODE_STEP_M, N_NODES)
+    np.testing.assert_array_equal(both, near / 2)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -21,6 +21,7 @@ PENALTIES = ("l1", "omp")
 
 _FORGETTING = 2.0  # power of the past's fading: batches coded by poor early atoms should not count for long
 _UPDATE_ROWS = 32  # atoms updated between two matrix products
+_PRODUCT_ROWS, _PRODUCT_COLUMNS = 64, 1024  # of a matrix product, to a thread
 _LASSO_ROUNDS = 2000
 _TRAINING_TOLERANCE = 1e-6
 _OBJECTIVE_TOLERANCE = 1e-7
@@ -149,26 +150,33 @@ class _Past:
         return cls(np.zeros((n_atoms, n_atoms)), np.zeros((n_atoms, dimension)))
 
     def add(self, codes: FloatArray, batch: FloatArray, batch_size: int) -> None:
-        from depthprint._kernels.blocks import one_blas_thread
+        from depthprint._kernels.blocks import for_blocks
 
         self.batches += 1
         keep = (1 - 1 / self.batches) ** _FORGETTING
-        with one_blas_thread():
-            self.usage *= keep
-            self.usage += codes.T @ codes / batch_size
-            self.target *= keep
-            self.target += codes.T @ batch / batch_size
+        shares = codes.T / batch_size
+
+        def add_rows(start: int, stop: int) -> None:
+            for past, of in ((self.usage, codes), (self.target, batch)):
+                past[start:stop] *= keep
+                past[start:stop] += shares[start:stop] @ of
+
+        for_blocks(len(shares), _PRODUCT_ROWS, add_rows)
 
     def update(self, atoms: FloatArray) -> None:
-        from depthprint._kernels.blocks import one_blas_thread
+        from depthprint._kernels.blocks import for_blocks
         from depthprint._kernels.lasso import update_atoms_block
 
         used = _used(self.usage)
-        with one_blas_thread():
-            for first in range(0, len(atoms), _UPDATE_ROWS):
-                rows = slice(first, first + _UPDATE_ROWS)
-                pull = self.target[rows] - self.usage[rows] @ atoms
-                update_atoms_block(atoms, pull, self.usage, first, used)
+        for first in range(0, len(atoms), _UPDATE_ROWS):
+            rows = slice(first, first + _UPDATE_ROWS)
+            pull = self.target[rows].copy()
+
+            def subtract(start: int, stop: int, rows: slice = rows, pull: FloatArray = pull) -> None:
+                pull[:, start:stop] -= self.usage[rows] @ atoms[:, start:stop]
+
+            for_blocks(atoms.shape[1], _PRODUCT_COLUMNS, subtract)
+            update_atoms_block(atoms, pull, self.usage, first, used)
 
 
 def _used(usage: FloatArray) -> float:
@@ -197,12 +205,15 @@ def _replace_unused(
 
 
 def _lasso_codes(signals: FloatArray, atoms: FloatArray, weight: float, tolerance: float) -> FloatArray:
-    from depthprint._kernels.blocks import for_blocks, one_blas_thread
+    from depthprint._kernels.blocks import for_blocks
     from depthprint._kernels.lasso import lasso_block
 
     codes = np.zeros((len(signals), len(atoms)))
-    with one_blas_thread():
-        gram = atoms @ atoms.T
+    gram = np.empty((len(atoms), len(atoms)))
+
+    def gram_rows(start: int, stop: int) -> None:
+        gram[start:stop, start:] = atoms[start:stop] @ atoms[start:].T
+        gram[start:, start:stop] = gram[start:stop, start:].T
 
     def code_block(start: int, stop: int) -> None:
         correlations = signals[start:stop] @ atoms.T
@@ -213,6 +224,7 @@ def _lasso_codes(signals: FloatArray, atoms: FloatArray, weight: float, toleranc
                 f"to {tolerance:g}"
             )
 
+    for_blocks(len(atoms), _PRODUCT_ROWS, gram_rows)
     for_blocks(len(signals), 64, code_block)
     return codes
 

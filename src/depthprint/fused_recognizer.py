@@ -85,9 +85,10 @@ class FusedRecognizer(EncodedPlaces):
 
     def query(self, description: Encoding, k: int = 1, limit: int | None = None) -> list[PlaceMatch]:
         """Best places by the fused distance, with the shift in sectors of a bird's-eye view."""
-        vectors, shifts = self._vectors.distances(description, limit)
-        if not len(vectors):
+        shifted = self._vectors.distances(description, limit)
+        if not shifted.size:
             return []
+        vectors = shifted.min(0)
         thumbnails = None
         if self._thumbnails is not None:
             thumbnails = self._thumbnails.distances(self._thumbnail(description), limit)
@@ -102,9 +103,12 @@ class FusedRecognizer(EncodedPlaces):
                 ncds = self._index.distances_of(description.signatures, places)
                 seen = None if thumbnails is None else thumbnails[places]
                 distances = self._joined(self._coded(ncds, vectors[places]), seen)
+        shifts = np.asarray(self.encoder.shift_sectors(), dtype=np.float64)[shifted[:, places].argmin(0)]
         matches = [
-            PlaceMatch(place, distance, float(shifts[place]))
-            for place, distance in zip(places.tolist(), distances.tolist(), strict=True)
+            PlaceMatch(place, distance, shift)
+            for place, distance, shift in zip(
+                places.tolist(), distances.tolist(), shifts.tolist(), strict=True
+            )
         ]
         return sorted(matches, key=lambda match: (match.distance, match.place))[:k]
 

@@ -1,4 +1,4 @@
-"""Loops over the points around a point: covariances of windows, spin coordinates, distance kernels."""
+"""Loops over the points around a point: spin coordinates, and distances shared out among nodes."""
 
 from __future__ import annotations
 
@@ -6,54 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-__all__ = ["mean_distance_kernels", "spin_coordinates", "window_covariances"]
+__all__ = ["mean_distance_shares", "spin_coordinates"]
 
 FloatArray = npt.NDArray[np.float64]
-
-# exp(-gamma d^2) beyond this distance in units of the last basis point is under exp(-gamma): nothing.
-_FAR = 2.0
-
-
-@njit(cache=True, nogil=True)
-def window_covariances(
-    points: FloatArray, reach: int, depth_ratio: float
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Covariance (h, w, 3, 3) and count (h, w) of the points of each window that lie at about its centre's depth."""
-    height, width, _ = points.shape
-    covariances = np.zeros((height, width, 3, 3))
-    counts = np.zeros((height, width), dtype=np.int64)
-    for r in range(height):
-        for c in range(width):
-            z = points[r, c, 2]
-            if z <= 0.0:
-                continue
-            n = 0
-            sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = 0.0
-            for i in range(max(0, r - reach), min(height, r + reach + 1)):
-                for j in range(max(0, c - reach), min(width, c + reach + 1)):
-                    dz = points[i, j, 2] - z
-                    if points[i, j, 2] > 0.0 and abs(dz) < depth_ratio * z:
-                        dx = points[i, j, 0] - points[r, c, 0]
-                        dy = points[i, j, 1] - points[r, c, 1]
-                        n += 1
-                        sx += dx
-                        sy += dy
-                        sz += dz
-                        sxx += dx * dx
-                        sxy += dx * dy
-                        sxz += dx * dz
-                        syy += dy * dy
-                        syz += dy * dz
-                        szz += dz * dz
-            counts[r, c] = n
-            covariance = covariances[r, c]
-            covariance[0, 0] = sxx / n - sx * sx / (n * n)
-            covariance[1, 1] = syy / n - sy * sy / (n * n)
-            covariance[2, 2] = szz / n - sz * sz / (n * n)
-            covariance[0, 1] = covariance[1, 0] = sxy / n - sx * sy / (n * n)
-            covariance[0, 2] = covariance[2, 0] = sxz / n - sx * sz / (n * n)
-            covariance[1, 2] = covariance[2, 1] = syz / n - sy * sz / (n * n)
-    return covariances, counts
 
 
 @njit(cache=True, nogil=True)
@@ -107,29 +62,26 @@ def spin_coordinates(
 
 
 @njit(cache=True, nogil=True)
-def mean_distance_kernels(
-    centres: FloatArray, cloud: FloatArray, n_basis: int, step: float, gamma: float
-) -> FloatArray:
-    """Mean over the cloud of exp(-gamma (d - k step)^2), d the distance to a centre: (centres, n_basis).
+def mean_distance_shares(centres: FloatArray, cloud: FloatArray, step: float, n_nodes: int) -> FloatArray:
+    """Mean over the cloud of the weights of distances to a centre among nodes: (centres, n_nodes).
 
-    The Gaussians of one distance are a geometric series times a constant one, so an exponential is taken once.
+    Node k lies at (k - 1) step. A distance has the four weights of the cubic through the nodes around it, so that
+    weights times values at the nodes interpolate what is smooth; one beyond the last nodes has none.
     """
-    sums = np.zeros((len(centres), n_basis))
-    series = np.empty(n_basis)
-    for k in range(n_basis):
-        series[k] = np.exp(-gamma * (k * step) ** 2)
-    end = step * (n_basis - 1)
+    shares = np.zeros((len(centres), n_nodes))
     for i in range(len(centres)):
+        share = shares[i]
         for p in range(len(cloud)):
             squared = 0.0
             for axis in range(3):
                 squared += (centres[i, axis] - cloud[p, axis]) ** 2
-            distance = np.sqrt(squared)
-            if distance > _FAR * end:
+            place = np.sqrt(squared) / step
+            if place >= n_nodes - 3:
                 continue
-            factor = np.exp(2.0 * gamma * distance * step)
-            value = np.exp(-gamma * squared)
-            for k in range(n_basis):
-                sums[i, k] += value * series[k]
-                value *= factor
-    return sums / len(cloud)
+            k = int(place)
+            t = place - k
+            share[k] -= t * (t - 1.0) * (t - 2.0) / 6.0
+            share[k + 1] += (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
+            share[k + 2] -= (t + 1.0) * t * (t - 2.0) / 2.0
+            share[k + 3] += (t + 1.0) * t * (t - 1.0) / 6.0
+    return shares / len(cloud)

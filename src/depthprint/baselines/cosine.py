@@ -56,19 +56,19 @@ class CosineRecognizer:
         sectors: Sequence[int] | None = None,
     ) -> list[PlaceMatch]:
         """Nearest places with the shift in sectors; ``sectors``: shifts to try in place of the encoder's."""
-        distances, shifts = self.distances(description, limit, sectors)
-        return nearest_matches(distances, k, shifts)
+        tried = self._sectors if sectors is None else sectors
+        distances = self.distances(description, limit, tried)
+        return nearest_matches(distances, k, np.asarray(tried, dtype=np.float64)) if distances.size else []
 
     def distances(
         self, description: Encoding, limit: int | None = None, sectors: Sequence[int] | None = None
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
-        """Distances (n,) to all places below ``limit``, and the shifts (n,) in sectors that give them."""
+    ) -> npt.NDArray[np.float32]:
+        """Distances (shifts, n) to all places below ``limit``, at the encoder's shifts or those given."""
         rows = self._store.rows(limit)
         tried = self._sectors if sectors is None else sectors
         if not len(rows) or not len(tried):
-            return np.empty(0, dtype=np.float32), np.empty(0)
-        distances = self._distances(description, rows, tried)
-        return distances.min(1), np.asarray(tried, dtype=np.float64)[distances.argmin(1)]
+            return np.empty((len(tried), len(rows)), dtype=np.float32)
+        return self._distances(description, rows, tried)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""
@@ -81,26 +81,26 @@ class CosineRecognizer:
     def _distances(
         self, query: Encoding, rows: npt.NDArray[np.float32], sectors: Sequence[int]
     ) -> npt.NDArray[np.float32]:
-        """Distances (n, shifts)."""
+        """Distances (shifts, n)."""
         from depthprint._kernels.blocks import one_blas_thread
 
-        moved = []
+        # BLAS takes whole lanes: seven columns cost more than eight.
+        columns = np.zeros((-(-len(sectors) // _LANES) * _LANES, rows.shape[1]), dtype=np.float32)
+        first = 0
         for grid, weight, step in zip(query.vectors, self._weights, self._step, strict=True):
             unit = np.float32(weight) * unit_grid(grid)
-            moved.append([self._shift(unit, sector // step).reshape(-1) for sector in sectors])
-        columns = np.concatenate([np.array(stream) for stream in moved], axis=1)
-        # BLAS takes whole lanes: seven columns cost more than eight.
-        padded = np.zeros((-(-len(columns) // _LANES) * _LANES, columns.shape[1]), dtype=np.float32)
-        padded[: len(columns)] = columns
+            moved = self._moved(unit, np.asarray(sectors, dtype=np.int64) // step)
+            columns[: len(sectors), first : first + grid.size] = moved.reshape(len(sectors), -1)
+            first += grid.size
         with one_blas_thread():
-            cosines = rows @ padded.T
-        return np.asarray(1.0 - cosines[:, : len(columns)], dtype=np.float32)
+            cosines = rows @ columns.T
+        return 1.0 - np.ascontiguousarray(cosines.T[: len(sectors)])
 
-    def _shift(self, grid: npt.NDArray[np.float32], places: int) -> npt.NDArray[np.float32]:
-        moved = np.roll(grid, places, axis=0)
+    def _moved(self, grid: npt.NDArray[np.float32], places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+        """The grid (w, a) moved by each number of places, (len(places), w, a); what comes in from outside is zero."""
+        width = len(grid)
+        source = np.arange(width) - places[:, None]
+        moved = grid[source % width]
         if not self._wraps:
-            if places > 0:
-                moved[:places] = 0.0
-            elif places < 0:
-                moved[places:] = 0.0
+            moved[(source < 0) | (source >= width)] = 0.0
         return moved

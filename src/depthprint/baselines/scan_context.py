@@ -102,8 +102,7 @@ class ScanContextRecognizer:
             self._shifts,
             wraps=self._polar.full_circle,
         )
-        shifts = self._shifts[distances.argmin(0)].astype(np.float64)
-        found = nearest_matches(distances.min(0), k, shifts)
+        found = nearest_matches(distances, k, self._shifts.astype(np.float64))
         return [PlaceMatch(int(chosen[m.place]), m.distance, m.shift) for m in found]
 
     def distance(self, first: ScanContext, second: ScanContext) -> float:

@@ -62,9 +62,7 @@ class ScanContextLikeRecognizer:
     ) -> list[PlaceMatch]:
         """Nearest places, with the shift in sectors that brings the query onto them."""
         distances = self.distances(description, limit)
-        if not distances.size:
-            return []
-        return nearest_matches(distances.min(0), k, self._shifts[distances.argmin(0)].astype(np.float64))
+        return nearest_matches(distances, k, self._shifts.astype(np.float64)) if distances.size else []
 
     def distances(
         self, description: npt.NDArray[np.float32], limit: int | None = None

@@ -40,8 +40,16 @@ class VectorStore:
 def nearest_matches(
     distances: npt.NDArray[np.floating], k: int, shifts: npt.NDArray[np.floating] | None = None
 ) -> list[PlaceMatch]:
-    """The k smallest distances as matches; ties go to the older place."""
-    order = np.argsort(distances, kind="stable")[:k]
-    return [
-        PlaceMatch(int(i), float(distances[i]), None if shifts is None else float(shifts[i])) for i in order
-    ]
+    """The k smallest distances as matches; ties go to the older place.
+
+    distances: (n,), or (s, n) of which each place's least counts, at its value of ``shifts`` (s,).
+    """
+    least = distances if distances.ndim == 1 else distances.min(axis=0)
+    within = np.arange(len(least))
+    if k < len(least):
+        within = np.flatnonzero(~(least > np.partition(least, k - 1)[k - 1]))
+    chosen = within[np.argsort(least[within], kind="stable")[:k]]
+    if shifts is None:
+        return [PlaceMatch(int(i), float(least[i])) for i in chosen]
+    at = shifts[distances[:, chosen].argmin(axis=0)]
+    return [PlaceMatch(int(i), float(least[i]), float(shift)) for i, shift in zip(chosen, at, strict=True)]

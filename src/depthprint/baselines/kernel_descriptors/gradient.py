@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_kernel, grid_basis
+from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_products, grid_basis
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
 from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patches
 from depthprint.range_image import RangeImage
@@ -57,12 +57,7 @@ def gradient_descriptors(image: RangeImage, masked: bool = False) -> PatchDescri
     """
     depth, _ = depth_and_points(image, PATCH_PX, masked)
     gx, gy, magnitude = depth_gradient(depth)
-    along_x, along_y = (
-        gaussian_kernel(
-            side.T.reshape(-1, 1), ORIENTATION_AXIS[:, None].astype(np.float32), ORIENTATION_GAMMA
-        )
-        for side in (gx, gy)
-    )
-    kernels = along_x[:, :, None] * along_y[:, None, :]
-    height, width = depth.shape
-    return describe_patches(kernels.reshape(width, height, -1), magnitude, gradient_kernel())
+    kernel = gradient_kernel()
+    orientations = np.stack([gx, gy], axis=-1)
+    kernels = gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span
+    return describe_patches(kernels, magnitude, kernel)

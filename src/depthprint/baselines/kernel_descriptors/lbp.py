@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_kernel, grid_basis
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
-from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patches
+from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patterns
 from depthprint.range_image import RangeImage
 
 __all__ = ["binary_patterns", "lbp_descriptors", "lbp_kernel"]
@@ -34,9 +34,10 @@ def lbp_kernel() -> MatchKernel:
 
 @lru_cache(maxsize=1)
 def _pattern_table() -> npt.NDArray[np.float32]:
-    """Kernel of each pattern, by its number, against the basis: (256, 256)."""
+    """Kernel of each pattern, by its number, against the basis, in its span: (256, p)."""
     patterns = lbp_kernel().attribute
-    return gaussian_kernel(patterns, patterns, PATTERN_GAMMA).astype(np.float32)
+    kernels = gaussian_kernel(patterns, patterns, PATTERN_GAMMA)
+    return (kernels @ lbp_kernel().attribute_span).astype(np.float32)
 
 
 def binary_patterns(
@@ -44,13 +45,15 @@ def binary_patterns(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
     """Number of each pixel's pattern, the first neighbour its highest bit, and the deviation of the 9 depths."""
     height, width = depth.shape
-    padded = np.pad(depth.astype(np.float64), 1)
+    padded = np.pad(depth, 1)
     around = [padded[r : r + height, c : c + width] for r, c in NEIGHBOURS]
     numbers = np.zeros(depth.shape, dtype=np.int64)
     for neighbour in around:
         numbers = 2 * numbers + (neighbour >= depth)
-    deviation = np.std(np.stack([*around, depth.astype(np.float64)]), axis=0, ddof=1)
-    return numbers, deviation.astype(np.float32)
+    depths = [side.astype(np.float64) for side in (depth, *around)]
+    mean = sum(depths) / len(depths)
+    deviation = np.sqrt(sum((side - mean) ** 2 for side in depths) / (len(depths) - 1))
+    return numbers, np.asarray(deviation, dtype=np.float32)
 
 
 def lbp_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
@@ -60,4 +63,4 @@ def lbp_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors
     """
     depth, _ = depth_and_points(image, PATCH_PX, masked)
     numbers, deviation = binary_patterns(depth)
-    return describe_patches(_pattern_table()[numbers.T], deviation, lbp_kernel())
+    return describe_patterns(numbers, _pattern_table(), deviation, lbp_kernel())

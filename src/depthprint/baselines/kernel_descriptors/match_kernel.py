@@ -10,18 +10,34 @@ import numpy.typing as npt
 
 from depthprint.errors import SettingsError
 
-__all__ = ["MatchKernel", "gaussian_kernel", "grid_basis", "kpca_directions"]
+__all__ = ["MatchKernel", "gaussian_kernel", "gaussian_products", "grid_basis", "kpca_directions"]
 
 FloatArray = npt.NDArray[np.floating[Any]]
+Float32Array = npt.NDArray[np.float32]
 
 # A product eigenvector that sums to less than this is centred already.
 _CENTRED = 1e-12
+# Directions have a part below this outside the span that is kept of either basis: single precision rounds off more.
+_SPANNED = 1e-6
 
 
 def gaussian_kernel(points: FloatArray, basis: FloatArray, gamma: float) -> FloatArray:
     """exp(-gamma ||p - b||^2) of points (n, d) against a basis (m, d): (n, m)."""
     squared = ((points[:, None, :] - basis[None, :, :]) ** 2).sum(-1)
     return np.asarray(np.exp(-gamma * squared))
+
+
+def gaussian_products(points: Float32Array, basis: FloatArray, gamma: float) -> Float32Array:
+    """The kernel of many points (..., d) against a basis (m, d) by one product of matrices: (..., m) float32.
+
+    For points near the basis: what is squared cancels, so far from it the rounding would show.
+    """
+    squares = (points**2).sum(-1, keepdims=True)
+    terms = np.concatenate([squares, points, np.ones_like(squares)], axis=-1)
+    factors = np.vstack([np.ones(len(basis)), -2.0 * basis.T, (basis**2).sum(1)])
+    exponents = terms.reshape(-1, terms.shape[-1]) @ (-gamma * factors).astype(np.float32)
+    np.minimum(exponents, 0.0, out=exponents)
+    return np.exp(exponents, out=exponents).reshape(*points.shape[:-1], len(basis))
 
 
 def grid_basis(*axes: FloatArray) -> FloatArray:
@@ -70,14 +86,18 @@ class MatchKernel:
     """A product basis and the directions that kernel evaluations against it are projected on.
 
     attribute: (a, d) points. spatial: (s, e) points. attribute_gamma, spatial_gamma: widths of the two kernels.
-    directions: (a, s, k) float32, read-only.
+    directions: (a, s, k). Nearly all are products of one eigenvector of either basis, so few of these span them:
+    attribute_span (a, p), spatial_span (s, q) and core (p, q, k) say the same. float32, read-only.
     """
 
     attribute: FloatArray
     spatial: FloatArray
     attribute_gamma: float
     spatial_gamma: float
-    directions: npt.NDArray[np.float32]
+    directions: Float32Array
+    attribute_span: Float32Array
+    spatial_span: Float32Array
+    core: Float32Array
 
     @classmethod
     def build(
@@ -93,12 +113,22 @@ class MatchKernel:
             gaussian_kernel(attribute, attribute, attribute_gamma),
             gaussian_kernel(spatial, spatial, spatial_gamma),
             dims,
-        ).astype(np.float32)
-        for array in (attribute, spatial, directions):
+        )
+        attribute_span, spatial_span = _span(directions), _span(directions.transpose(1, 0, 2))
+        core = np.einsum("ap,sq,ask->pqk", attribute_span, spatial_span, directions, optimize=True)
+        derived = [array.astype(np.float32) for array in (directions, attribute_span, spatial_span, core)]
+        for array in (attribute, spatial, *derived):
             array.setflags(write=False)
-        return cls(attribute, spatial, attribute_gamma, spatial_gamma, directions)
+        return cls(attribute, spatial, attribute_gamma, spatial_gamma, *derived)
 
-    def project(self, sums: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Descriptors (n, k) of sums of kernel evaluations, (n, a, s) float32."""
-        flat = self.directions.reshape(-1, self.directions.shape[2])
+    def project(self, sums: Float32Array) -> Float32Array:
+        """Descriptors (n, k) of sums (n, p, q) float32 of kernel evaluations, each in its basis' span."""
+        flat = self.core.reshape(-1, self.core.shape[2])
         return np.asarray(sums.reshape(len(sums), len(flat)) @ flat)
+
+
+def _span(directions: FloatArray) -> FloatArray:
+    """Orthonormal (n, p) that spans the first axis of directions (n, m, k) up to _SPANNED."""
+    unfolded = directions.reshape(len(directions), -1)
+    squares, vectors = np.linalg.eigh(unfolded @ unfolded.T)
+    return np.asarray(vectors[:, squares > _SPANNED**2 * squares[-1]])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -14,7 +12,9 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
     patch_corners,
 )
 
-__all__ = ["PATCH_PX", "SPATIAL_AXIS", "describe_patches"]
+__all__ = ["PATCH_PX", "SPATIAL_AXIS", "describe_patches", "describe_patterns"]
+
+Float32Array = npt.NDArray[np.float32]
 
 PATCH_PX = 16
 SPATIAL_AXIS = np.linspace(0.0, 1.0, 5)
@@ -23,36 +23,59 @@ LEAST_NORM = 0.8
 
 
 def describe_patches(
-    attribute_kernels: npt.NDArray[np.floating[Any]], magnitude: npt.NDArray[np.float32], kernel: MatchKernel
+    attribute_kernels: Float32Array, magnitude: Float32Array, kernel: MatchKernel
 ) -> PatchDescriptors:
     """Descriptors of the patches of a crop.
 
-    attribute_kernels: (w, h, a) float32, each pixel's attribute against the basis, columns of the crop first.
-    magnitude: (h, w) float32 weights of the pixels, scaled by patch to unit norm.
-    The kernel's spatial basis is the square of SPATIAL_AXIS, rows first. It separates, so columns are summed first
-    and shared by the patches above each other.
+    attribute_kernels: (h, w, p), each pixel's attribute against the basis, in its span. magnitude: (h, w) weights of
+    the pixels, scaled by patch to unit norm. The kernel's spatial basis is the square of SPATIAL_AXIS, rows first.
     """
-    height, width = magnitude.shape
-    n_attributes, n_axis = attribute_kernels.shape[2], len(SPATIAL_AXIS)
-    rows, columns = patch_corners(magnitude.shape, PATCH_PX)
-    weighted = attribute_kernels * magnitude.T[:, :, None]
-    flat = weighted.reshape(width, -1)
-    position = (np.arange(PATCH_PX) / PATCH_PX)[:, None]
-    axis = gaussian_kernel(position, SPATIAL_AXIS[:, None], kernel.spatial_gamma).T.astype(np.float32)
-    energy = np.pad(np.cumsum(np.cumsum(magnitude.astype(np.float64) ** 2, 0), 1), ((1, 0), (1, 0)))
-    sums = np.empty((len(rows), len(columns), n_attributes, n_axis, n_axis), dtype=np.float32)
-    norms = np.empty((len(rows), len(columns)), dtype=np.float32)
-    for c, left in enumerate(columns):
-        right = left + PATCH_PX
-        summed = (axis @ flat[left:right]).reshape(n_axis, height, n_attributes)
-        along_x = np.ascontiguousarray(summed.transpose(1, 2, 0)).reshape(height, -1)
-        for r, top in enumerate(rows):
-            bottom = top + PATCH_PX
-            patch = (axis @ along_x[top:bottom]).reshape(n_axis, n_attributes, n_axis)
-            sums[r, c] = patch.transpose(1, 0, 2)
-            square = energy[bottom, right] - energy[top, right] - energy[bottom, left] + energy[top, left]
-            norms[r, c] = max(LEAST_NORM, np.sqrt(max(square, 0.0)))
-    scaled = sums.reshape(-1, n_attributes, n_axis * n_axis) / norms.reshape(-1, 1, 1)
-    return PatchDescriptors(
-        kernel.project(scaled), centre_positions(rows, columns, PATCH_PX, magnitude.shape)
-    )
+    weighed = _patch_weights(magnitude)[:, :, None] * _position_kernels(kernel)
+    sums = np.swapaxes(_patches(attribute_kernels), 1, 2) @ weighed
+    return PatchDescriptors(kernel.project(sums), _positions(magnitude.shape))
+
+
+def describe_patterns(
+    patterns: npt.NDArray[np.int64], table: Float32Array, magnitude: Float32Array, kernel: MatchKernel
+) -> PatchDescriptors:
+    """Descriptors as ``describe_patches`` has them, of pixels whose attribute is one of few.
+
+    patterns: (h, w) rows of ``table`` (t, p), the attributes against the basis, in its span.
+    """
+    weights = _patch_weights(magnitude)
+    numbers = _patches(patterns) + len(table) * np.arange(len(weights))[:, None]
+    counts = np.stack(
+        [
+            np.bincount(numbers.ravel(), (weights * here).ravel(), len(table) * len(weights))
+            for here in _position_kernels(kernel).T
+        ],
+        axis=-1,
+    ).reshape(len(weights), len(table), -1)
+    sums = table.T @ counts.astype(np.float32)
+    return PatchDescriptors(kernel.project(sums), _positions(magnitude.shape))
+
+
+def _patches(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """(patches, PATCH_PX^2, ...) of pixels (h, w, ...), patches and their pixels row by row."""
+    rows, columns = patch_corners(pixels.shape[:2], PATCH_PX)
+    windows = np.lib.stride_tricks.sliding_window_view(pixels, (PATCH_PX, PATCH_PX), axis=(0, 1))
+    chosen = windows[np.ix_(rows, columns)]
+    return np.moveaxis(chosen, (-2, -1), (2, 3)).reshape(-1, PATCH_PX**2, *pixels.shape[2:])
+
+
+def _patch_weights(magnitude: Float32Array) -> Float32Array:
+    weights = _patches(magnitude)
+    norms = np.sqrt(np.einsum("nk,nk->n", weights, weights, dtype=np.float64))
+    return weights / np.maximum(LEAST_NORM, norms)[:, None].astype(np.float32)
+
+
+def _position_kernels(kernel: MatchKernel) -> Float32Array:
+    """(PATCH_PX^2, q) kernels of a patch's pixels against the spatial basis, in its span."""
+    places = (np.arange(PATCH_PX) / PATCH_PX)[:, None]
+    axis = gaussian_kernel(places, SPATIAL_AXIS[:, None], kernel.spatial_gamma)
+    return (np.kron(axis, axis) @ kernel.spatial_span).astype(np.float32)
+
+
+def _positions(shape: tuple[int, ...]) -> Float32Array:
+    rows, columns = patch_corners(shape, PATCH_PX)
+    return centre_positions(rows, columns, PATCH_PX, shape)

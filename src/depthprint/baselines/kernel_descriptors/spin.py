@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, grid_basis
+from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_products, grid_basis
 from depthprint.baselines.kernel_descriptors.patch_grid import (
     PatchDescriptors,
     centre_positions,
@@ -53,15 +53,11 @@ def surface_normals(points: FloatArray) -> FloatArray:
     Principal component of least variance in windows of 11 x 11 pixels, over points within 1 % of the depth,
     oriented away from the camera.
     """
-    from depthprint._kernels.point_kernels import window_covariances
+    from depthprint._kernels.principal_normals import principal_normals
 
-    covariances, counts = window_covariances(
-        np.ascontiguousarray(points), NORMAL_WINDOW_PX // 2, NORMAL_DEPTH_RATIO
+    return principal_normals(
+        np.ascontiguousarray(points), NORMAL_WINDOW_PX // 2, NORMAL_DEPTH_RATIO, NORMAL_LEAST_POINTS
     )
-    normals = np.linalg.eigh(covariances)[1][..., 0]
-    away = np.sign((normals * points).sum(-1, keepdims=True))
-    normals = normals * np.where(away == 0, 1.0, away)
-    return np.where((counts >= NORMAL_LEAST_POINTS)[..., None], normals, 0.0)
 
 
 def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
@@ -87,15 +83,11 @@ def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
 def _project(coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
     """Mean of the kernels of (cos, along, across), (m, 256, 3), over the first ``counts`` points of each."""
     kernel = spin_kernel()
-    cosine, along, across = (coordinates[..., k, None] for k in range(3))
+    cosine = coordinates[..., :1]
     sine = np.sqrt(np.maximum(1 - cosine**2, 0))
-    sines, cosines = kernel.attribute.T.astype(np.float32)
-    # Both are unit vectors: ||a - b||^2 = 2 - 2 a.b
-    attribute = np.exp(2 * ANGLE_GAMMA * (sine * sines + cosine * cosines - 1))
-    near_along = np.exp(-SPATIAL_GAMMA * (along - ALONG_AXIS_M.astype(np.float32)) ** 2)
-    near_across = np.exp(-SPATIAL_GAMMA * (across - ACROSS_AXIS_M.astype(np.float32)) ** 2)
+    angles = np.concatenate([sine, cosine], axis=-1)
+    attribute = gaussian_products(angles, kernel.attribute, ANGLE_GAMMA) @ kernel.attribute_span
+    spatial = gaussian_products(coordinates[..., 1:], kernel.spatial, SPATIAL_GAMMA) @ kernel.spatial_span
     counted = np.arange(coordinates.shape[1]) < counts[:, None]
     share = (counted / np.maximum(counts, 1)[:, None]).astype(np.float32)[..., None]
-    n_places = len(ALONG_AXIS_M) * len(ACROSS_AXIS_M)
-    spatial = (near_along[..., :, None] * near_across[..., None, :]).reshape(*cosine.shape[:2], n_places)
     return kernel.project(np.swapaxes(attribute * share, 1, 2) @ spatial)
