@@ -25,7 +25,7 @@ from depthprint.recognizer import PlaceMatch
 from depthprint.verification.depth_view import make_depth_view
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
-from depthprint.verified_recognizer import VerifiedRecognizer
+from depthprint.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 from synthetic import boxes
 from test_encoder import DEFAULT, small
 from test_verification import ROW, SPINNING, STEREO, block_world, pose_at
@@ -255,6 +255,30 @@ def test_climbing_names_the_neighbour_seen_from_nearest():
     assert named[1].distance <= named[0].distance
     if named[0].verification.nearness <= 0.6:
         assert abs(named[1].place - 5) < 3
+
+
+class LedOnly(GeometricVerifier):
+    """Refuses one view unless it is told where to start from, and is never certain."""
+
+    def __init__(self, shy):
+        super().__init__()
+        self.shy = shy
+
+    def verify(self, query, match, *, starts=(), **options):
+        found = super().verify(query, match, starts=starts, **options)
+        if match is self.shy and not starts:
+            return replace(found, accepted=False, agreement=0.0)
+        return replace(found, agreement=min(0.4, found.agreement) + 0.1 * (match is self.shy))
+
+
+def test_climbing_asks_again_for_a_neighbour_that_the_search_refused():
+    descriptions = [VerifiedDescription(f"place {i}", make_depth_view(row_at(4, float(i)))) for i in range(2)]
+    recognizer = VerifiedRecognizer(Listed([0.1, 0.2]), k=2, spread=1, verifier=LedOnly(descriptions[1].view))
+    for description in descriptions:
+        recognizer.add(description)
+    best = recognizer.query(VerifiedDescription("query", make_depth_view(row_at(4, 0.9))), k=2)[0]
+    assert best.place == 1
+    assert best.verification.accepted
 
 
 def test_neighbouring_frames_second_a_place_that_nobody_proposes():
