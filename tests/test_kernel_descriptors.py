@@ -86,6 +86,21 @@ def test_kernel_components_are_those_of_the_whole_centred_matrix(attribute, gamm
     np.testing.assert_allclose(found @ found.T, projector, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("attribute", "dims"),
+    [
+        (grid_basis(*[np.array([0.0, 1.0])] * 4), 40),
+        (grid_basis(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6)), 60),
+    ],
+)
+def test_rounding_does_not_turn_the_components_of_a_symmetric_basis(attribute, dims):
+    spatial = grid_basis(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    first, second = (gaussian_kernel(b, b, 3.0) for b in (attribute, spatial))
+    noise = np.random.default_rng(8).normal(0.0, 1e-15, first.shape)
+    expected = kpca_directions(first, second, dims)
+    np.testing.assert_allclose(kpca_directions(first + noise + noise.T, second, dims), expected, atol=1e-6)
+
+
 def test_as_many_components_as_asked_for_or_an_error():
     kernel = gaussian_kernel(np.eye(3), np.eye(3), 1.0)
     with pytest.raises(SettingsError, match="1 to 8 dimensions, got 9"):

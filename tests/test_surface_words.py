@@ -50,6 +50,19 @@ def test_mirrored_vectors_are_those_of_the_mirror_image(words, crops):
     assert same is whole
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_shipped_words_are_in_the_basis_that_this_machine_makes(crops, kind):
+    words = SurfaceWords.load().vocabularies[kind].words
+    found = np.concatenate([crop.vectors for crop in describe_crops(crops, kind, masked=True)]).astype(
+        np.float64
+    )
+    lengths = np.linalg.norm(found, axis=1)
+    found = found[lengths > 0.1 * lengths.max()]
+    turned = found * np.random.default_rng(1).choice([-1.0, 1.0], found.shape[1])
+    apart, turned_apart = (np.linalg.norm(v[:, None] - words, axis=2).min(1) for v in (found, turned))
+    assert np.mean(apart < turned_apart) > 0.95
+
+
 def test_vectors_of_a_view_do_not_depend_on_the_others(words, crops):
     np.testing.assert_allclose(words.features(crops[3:5])[0], words.features(crops)[0][3:5], atol=1e-6)
 

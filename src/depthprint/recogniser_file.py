@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
 

@@ -29,7 +29,7 @@ Float32Array = npt.NDArray[np.float32]
 Progress = Callable[[int, int], None]
 
 FORMAT = "depthprint surface words"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 # Kinds whose patches are centred all over the object, however thin it is: chosen on objects of training folds, where
 # patterns did better on the crop as it comes.
 MARGINS_PX = {"gradient": 12, "spin": 20, "size": 20}

@@ -129,12 +129,12 @@ class TrainedRecogniser:
         shares, none = self.calibration.probabilities(scores, float(distances.min(axis=1).mean()))
         order = np.argsort(-shares, kind="stable")
         nearest = int(distances.min(axis=0).argmin())
-        best = int(order[0])
+        best, labels = int(order[0]), self.labels
         known = none <= 0.5
         return Recognition(
-            label=self.labels[best] if known else None,
+            label=labels[best] if known else None,
             confidence=float(shares[best]) if known else none,
-            classes=tuple((self.labels[k], float(shares[k])) for k in order),
+            classes=tuple((labels[k], float(shares[k])) for k in order),
             none_probability=none,
             nearest=self.sources[nearest],
         )

@@ -94,13 +94,13 @@ class CosineRecognizer:
             first += grid.size
         with one_blas_thread():
             cosines = rows @ columns.T
-        return np.asarray(1.0 - np.ascontiguousarray(cosines.T[: len(sectors)]), dtype=np.float32)
+        return np.asarray(np.float32(1.0) - np.ascontiguousarray(cosines.T[: len(sectors)]))
 
     def _moved(self, grid: npt.NDArray[np.float32], places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """The grid (w, a) moved by each number of places, (len(places), w, a); what comes in from outside is zero."""
         width = len(grid)
         source = np.arange(width) - places[:, None]
-        moved: npt.NDArray[np.float32] = grid[source % width]
+        moved = grid[source % width]
         if not self._wraps:
             moved[(source < 0) | (source >= width)] = 0.0
-        return moved
+        return np.asarray(moved)

@@ -45,7 +45,7 @@ def nearest_matches(
     distances: (n,), or (s, n) of which each place's least counts, at its value of ``shifts`` (s,).
     """
     least = distances if distances.ndim == 1 else distances.min(axis=0)
-    within = np.arange(len(least))
+    within: npt.NDArray[np.int64] = np.arange(len(least))
     if k < len(least):
         within = np.flatnonzero(~(least > np.partition(least, k - 1)[k - 1]))
     chosen = within[np.argsort(least[within], kind="stable")[:k]]

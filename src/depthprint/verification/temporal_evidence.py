@@ -126,4 +126,7 @@ class TemporalEvidence:
 def _agree(first: FloatArray, second: FloatArray, slack: float, settings: VerificationSettings) -> bool:
     apart = inverse_pose(first) @ second
     metres = float(np.linalg.norm(apart[:3, 3]))
-    return metres <= slack * settings.agreeing_m and rotation_angle(apart) <= slack * settings.agreeing_rad
+    return (
+        metres <= slack * settings.agreeing_m
+        and float(rotation_angle(apart)) <= slack * settings.agreeing_rad
+    )

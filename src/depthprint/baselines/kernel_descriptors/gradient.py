@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_products, grid_basis
-from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
+from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, crop_depth
 from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patches
 from depthprint.range_image import RangeImage
 
@@ -51,13 +51,23 @@ def depth_gradient(depth: Float32Array) -> tuple[Float32Array, Float32Array, Flo
 
 
 def gradient_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
-    """Descriptors (m, 200) of 16-pixel patches, 8 apart. Raises DataError as depth_and_points does.
+    """Descriptors (m, 200) of 16-pixel patches, 8 apart. Raises DataError as crop_depth does.
 
     Source: Bo, Ren and Fox 2010, section 3, on depth as in their 2011 paper.
     """
-    depth, _ = depth_and_points(image, PATCH_PX, masked)
+    depth = crop_depth(image, PATCH_PX, masked)
     gx, gy, magnitude = depth_gradient(depth)
     kernel = gradient_kernel()
     orientations = np.stack([gx, gy], axis=-1)
-    kernels = gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span
+    # Away from the object nothing slopes: there the kernel is that of no orientation.
+    sloping = orientations.any(-1)
+    kernels = np.empty((*depth.shape, kernel.attribute_span.shape[1]), dtype=np.float32)
+    kernels[sloping] = _spanned(orientations[sloping])
+    kernels[~sloping] = _spanned(np.zeros((1, 2), dtype=np.float32))
     return describe_patches(kernels, magnitude, kernel)
+
+
+def _spanned(orientations: Float32Array) -> Float32Array:
+    """Kernels of orientations (n, 2) against the basis, in its span: (n, p)."""
+    kernel = gradient_kernel()
+    return gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_kernel, grid_basis
-from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
+from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, crop_depth
 from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patterns
 from depthprint.range_image import RangeImage
 
@@ -57,10 +57,10 @@ def binary_patterns(
 
 
 def lbp_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
-    """Descriptors (m, 200) of 16-pixel patches, 8 apart. Raises DataError as depth_and_points does.
+    """Descriptors (m, 200) of 16-pixel patches, 8 apart. Raises DataError as crop_depth does.
 
     Source: Bo, Ren and Fox 2010, section 3, on depth as in their 2011 paper.
     """
-    depth, _ = depth_and_points(image, PATCH_PX, masked)
+    depth = crop_depth(image, PATCH_PX, masked)
     numbers, deviation = binary_patterns(depth)
     return describe_patterns(numbers, _pattern_table(), deviation, lbp_kernel())

@@ -17,6 +17,10 @@ Float32Array = npt.NDArray[np.float32]
 
 # A product eigenvector that sums to less than this is centred already.
 _CENTRED = 1e-12
+# Eigenvalues that differ by less than this share of the largest are one, which a solver splits as it likes.
+_EQUAL = 1e-9
+# Entries over this share of the largest are large; no symmetric basis has entries at just this ratio.
+_MAIN = 0.593
 # Directions have a part below this outside the span that is kept of either basis: single precision rounds off more.
 _SPANNED = 1e-6
 
@@ -37,7 +41,7 @@ def gaussian_products(points: Float32Array, basis: FloatArray, gamma: float) -> 
     factors = np.vstack([np.ones(len(basis)), -2.0 * basis.T, (basis**2).sum(1)])
     exponents = terms.reshape(-1, terms.shape[-1]) @ (-gamma * factors).astype(np.float32)
     np.minimum(exponents, 0.0, out=exponents)
-    return np.exp(exponents, out=exponents).reshape(*points.shape[:-1], len(basis))
+    return np.asarray(np.exp(exponents).reshape(*points.shape[:-1], len(basis)))
 
 
 def grid_basis(*axes: FloatArray) -> FloatArray:
@@ -50,15 +54,16 @@ def kpca_directions(attribute: FloatArray, spatial: FloatArray, dims: int) -> Fl
 
     attribute: (a, a) and spatial: (s, s) kernels of the two bases; the product's is their Kronecker product.
     That product's eigenvectors are products too, and centring mixes only those that do not sum to zero: these few
-    are solved for, the rest are taken as they are, which is exact. Signs make the largest entry positive.
-    Raises SettingsError for more dimensions than the basis has.
+    are solved for, the rest are taken as they are, which is exact. Eigenspaces of several dimensions, which symmetric
+    bases have many of, get a basis that does not depend on the solver, so that words learned on one machine fit the
+    descriptors of another. Raises SettingsError for more dimensions than the basis has.
     Source: Schoelkopf, Smola and Mueller 1998; raw eigenvectors, as Bo, Ren and Fox 2010 use them.
     """
     a, s = len(attribute), len(spatial)
     if not 1 <= dims < a * s:
         raise SettingsError(f"kernel PCA: expected 1 to {a * s - 1} dimensions, got {dims}")
-    values_a, vectors_a = np.linalg.eigh(attribute)
-    values_s, vectors_s = np.linalg.eigh(spatial)
+    values_a, vectors_a = _settled_eigenvectors(attribute)
+    values_s, vectors_s = _settled_eigenvectors(spatial)
     values = np.outer(values_a, values_s).reshape(-1)
     mean = np.outer(vectors_a.sum(0), vectors_s.sum(0)).reshape(-1) / np.sqrt(a * s)
     mixed = np.flatnonzero(np.abs(mean) > _CENTRED)
@@ -66,8 +71,11 @@ def kpca_directions(attribute: FloatArray, spatial: FloatArray, dims: int) -> Fl
     u, d = mean[mixed], values[mixed]
     du = d * u
     block = np.diag(d) - np.outer(u, du) - np.outer(du, u) + np.outer(u, u) * (u @ du)
-    block_values, block_vectors = np.linalg.eigh(block)
-    order = np.argsort(-np.concatenate([values[plain], block_values]), kind="stable")[:dims]
+    block_values, block_vectors = _settled_eigenvectors(block)
+    candidates = np.concatenate([values[plain], block_values])
+    for group in _equal_values(candidates):
+        candidates[group] = candidates[group].mean()
+    order = np.argsort(-candidates, kind="stable")[:dims]
     coordinates = np.zeros((a * s, dims))
     for column, number in enumerate(order):
         if number < len(plain):
@@ -77,8 +85,42 @@ def kpca_directions(attribute: FloatArray, spatial: FloatArray, dims: int) -> Fl
     directions = np.einsum("ai,isk->ask", vectors_a, coordinates.reshape(a, s, dims), optimize=True)
     directions = np.einsum("st,atk->ask", vectors_s, directions, optimize=True)
     flat = directions.reshape(a * s, dims)
-    flat = flat * np.sign(flat[np.abs(flat).argmax(0), np.arange(dims)])
-    return np.asarray(flat.reshape(a, s, dims))
+    return np.asarray((flat * _settled_signs(flat)).reshape(a, s, dims))
+
+
+def _settled_eigenvectors(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rising eigenvalues (n,) and orthonormal eigenvectors (n, n) that rounding leaves as they are."""
+    values, vectors = np.linalg.eigh(matrix)
+    for group in _equal_values(values):
+        values[group] = values[group].mean()
+        vectors[:, group] = _settled_basis(vectors[:, group])
+    return values, vectors
+
+
+def _equal_values(values: FloatArray) -> list[npt.NDArray[np.int64]]:
+    """Places of values (n,) that are equal but for rounding, group by group, rising."""
+    order = np.argsort(values, kind="stable")
+    apart = np.flatnonzero(np.diff(values[order]) > _EQUAL * np.abs(values).max()) + 1
+    return np.split(order, apart)
+
+
+def _settled_basis(basis: FloatArray) -> FloatArray:
+    """The orthonormal basis (n, g) of the span of another that its projections of the axes, taken in turn, make."""
+    settled = np.empty_like(basis)
+    rest = basis
+    for k in range(basis.shape[1]):
+        lengths = (rest**2).sum(1)
+        axis = rest[int(np.argmax(lengths > _MAIN * lengths.max()))]
+        axis = axis / np.linalg.norm(axis)
+        settled[:, k] = basis @ axis
+        rest = rest - np.outer(rest @ axis, axis)
+    return settled
+
+
+def _settled_signs(columns: FloatArray) -> FloatArray:
+    """Signs (k,) that make the first of the large entries of each column (n, k) positive."""
+    large = np.abs(columns) > _MAIN * np.abs(columns).max(0)
+    return np.asarray(np.sign(columns[large.argmax(0), np.arange(columns.shape[1])]))
 
 
 @dataclass(frozen=True)

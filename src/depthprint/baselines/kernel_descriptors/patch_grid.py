@@ -15,6 +15,7 @@ __all__ = [
     "GRID_STEP_PX",
     "PatchDescriptors",
     "centre_positions",
+    "crop_depth",
     "depth_and_points",
     "mirrored_image",
     "patch_corners",
@@ -58,14 +59,27 @@ def patch_corners(shape: tuple[int, ...], patch: int) -> tuple[npt.NDArray[np.in
     return rows, columns
 
 
-def depth_and_points(
-    image: RangeImage, patch: int, masked: bool = False
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
-    """Depth (h, w) in metres with 0 for no return, and points (h, w, 3) of the camera.
+def crop_depth(image: RangeImage, patch: int, masked: bool = False) -> npt.NDArray[np.float32]:
+    """Depth (h, w) in metres with 0 for no return.
 
     A crop smaller than a patch is centred among pixels without return. ``masked``: what is not the object has
     no return. Raises DataError for other than pinhole images, and where nothing returned.
     """
+    known = _known_pixels(image, masked)
+    return np.pad(np.where(known, image.ranges_m, np.float32(0.0)), _margins(image.shape, patch))
+
+
+def depth_and_points(
+    image: RangeImage, patch: int, masked: bool = False
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+    """``crop_depth``, and the points (h, w, 3) of the camera, zero for no return. Raises as it does."""
+    depth = crop_depth(image, patch, masked)
+    known = _known_pixels(image, masked)
+    points = np.where(known[..., None], image.points(), np.float32(0.0)).astype(np.float64)
+    return depth, np.pad(points, [*_margins(image.shape, patch), (0, 0)])
+
+
+def _known_pixels(image: RangeImage, masked: bool) -> npt.NDArray[np.bool_]:
     if not isinstance(image.projection, Pinhole):
         raise DataError(
             f"{image.source or 'kernel descriptors'}: expected a pinhole image, got {type(image.projection).__name__}"
@@ -74,11 +88,12 @@ def depth_and_points(
     known = image.valid
     if masked and image.mask is not None and (known & image.mask).any():
         known = known & image.mask
-    depth = np.where(known, image.ranges_m, np.float32(0.0))
-    points = np.where(known[..., None], image.points(), np.float32(0.0)).astype(np.float64)
-    spare = [max(0, patch - size) for size in depth.shape]
-    margins = [(extra // 2, extra - extra // 2) for extra in spare]
-    return np.pad(depth, margins), np.pad(points, [*margins, (0, 0)])
+    return known
+
+
+def _margins(shape: tuple[int, int], patch: int) -> list[tuple[int, int]]:
+    spare = [max(0, patch - size) for size in shape]
+    return [(extra // 2, extra - extra // 2) for extra in spare]
 
 
 def centre_positions(

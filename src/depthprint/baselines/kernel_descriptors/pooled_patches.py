@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,7 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
 __all__ = ["PATCH_PX", "SPATIAL_AXIS", "describe_patches", "describe_patterns"]
 
 Float32Array = npt.NDArray[np.float32]
+Value = TypeVar("Value", bound=np.generic)
 
 PATCH_PX = 16
 SPATIAL_AXIS = np.linspace(0.0, 1.0, 5)
@@ -55,18 +58,19 @@ def describe_patterns(
     return PatchDescriptors(kernel.project(sums), _positions(magnitude.shape))
 
 
-def _patches(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def _patches(pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:
     """(patches, PATCH_PX^2, ...) of pixels (h, w, ...), patches and their pixels row by row."""
-    rows, columns = patch_corners(pixels.shape[:2], PATCH_PX)
-    windows = np.lib.stride_tricks.sliding_window_view(pixels, (PATCH_PX, PATCH_PX), axis=(0, 1))
-    chosen = windows[np.ix_(rows, columns)]
-    return np.moveaxis(chosen, (-2, -1), (2, 3)).reshape(-1, PATCH_PX**2, *pixels.shape[2:])
+    rows, columns = (
+        first[:, None] + np.arange(PATCH_PX) for first in patch_corners(pixels.shape[:2], PATCH_PX)
+    )
+    chosen = pixels[rows[:, None, :, None], columns[None, :, None, :]]
+    return chosen.reshape(-1, PATCH_PX**2, *pixels.shape[2:])
 
 
 def _patch_weights(magnitude: Float32Array) -> Float32Array:
     weights = _patches(magnitude)
-    norms = np.sqrt(np.einsum("nk,nk->n", weights, weights, dtype=np.float64))
-    return weights / np.maximum(LEAST_NORM, norms)[:, None].astype(np.float32)
+    norms = np.linalg.norm(weights.astype(np.float64), axis=1)
+    return np.asarray(weights / np.maximum(LEAST_NORM, norms)[:, None].astype(np.float32))
 
 
 def _position_kernels(kernel: MatchKernel) -> Float32Array:

@@ -55,9 +55,10 @@ def surface_normals(points: FloatArray) -> FloatArray:
     """
     from depthprint._kernels.principal_normals import principal_normals
 
-    return principal_normals(
+    normals = principal_normals(
         np.ascontiguousarray(points), NORMAL_WINDOW_PX // 2, NORMAL_DEPTH_RATIO, NORMAL_LEAST_POINTS
     )
+    return np.asarray(normals)
 
 
 def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
