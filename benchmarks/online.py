@@ -103,7 +103,7 @@ def _perturbed(encoding: Encoding, rng: np.random.Generator) -> Encoding:
         for s in encoding.signatures
     )
     vectors = tuple((v + rng.normal(0.0, _NOISE, v.shape)).astype(np.float32) for v in encoding.vectors)
-    return Encoding(signatures, vectors)
+    return replace(encoding, signatures=signatures, vectors=vectors)
 
 
 @contextmanager

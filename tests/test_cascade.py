@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,13 +18,14 @@ from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.loop_closure import LoopClosureDetector
 from depthprint.loop_status import LoopStatus
 from depthprint.place_methods import make_place_recognizer
-from depthprint.proposals import spread_in_time
+from depthprint.proposals import spread_in_time, taken_in_turn
 from depthprint.range_image import RangeImage
+from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification.depth_view import make_depth_view
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
-from depthprint.verified_recognizer import VerifiedRecognizer
+from depthprint.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 from synthetic import boxes
 from test_encoder import DEFAULT, small
 from test_verification import ROW, SPINNING, STEREO, block_world, pose_at
@@ -87,21 +89,28 @@ def test_query_of_few_places_leaves_the_number_of_threads_as_it_was(encoder):
     assert numba.get_num_threads() == before
 
 
-def test_fused_distance_is_the_weighted_sum_of_both(encoder):
-    fused = FusedRecognizer(encoder, CascadeSettings(vector_weight=0.3, verify=False, ranked=12))
-    a, b = (encoder.describe(DEFAULT[i]) for i in (0, 5))
+@pytest.mark.parametrize("thumbnail_weight", [0.0, 0.4])
+def test_fused_distance_is_the_weighted_sum_of_its_terms(encoder, thumbnail_weight):
+    settings = CascadeSettings(vector_weight=0.3, thumbnail_weight=thumbnail_weight, verify=False, ranked=12)
+    fused = FusedRecognizer(encoder, settings)
+    a, b = (fused.describe(DEFAULT[i]) for i in (0, 5))
     expected = 0.7 * ComplexityRecognizer(encoder).distance(a, b) + 0.3 * CosineRecognizer(encoder).distance(
         a, b
     )
-    assert fused.distance(a, b) == pytest.approx(expected, abs=1e-9)
+    if thumbnail_weight:
+        thumbnails = RangeThumbnails()
+        thumbnails.add(range_thumbnail(DEFAULT[5]))
+        seen = thumbnails.distances(range_thumbnail(DEFAULT[0]))[0]
+        expected = (1 - thumbnail_weight) * expected + thumbnail_weight * seen
+    assert fused.distance(a, b) == pytest.approx(expected, abs=1e-6)
     for image in DEFAULT:
-        fused.add(encoder.describe(image))
+        fused.add(fused.describe(image))
     found = fused.query(a, k=12)
     assert found[0].place == 0
     assert found == sorted(found, key=lambda m: m.distance)
     for match in found:
         assert match.distance == pytest.approx(
-            fused.distance(a, encoder.describe(DEFAULT[match.place])), abs=1e-6
+            fused.distance(a, fused.describe(DEFAULT[match.place])), abs=1e-4
         )
 
 
@@ -126,13 +135,13 @@ def test_every_ablation_without_geometry_finds_the_same_frame_again(encoder, sta
 def test_relaxed_bounds_thin_proposals_out(encoder):
     fused = FusedRecognizer(encoder, CascadeSettings(proposed=10, ranked=3, verify=False))
     for image in DEFAULT:
-        fused.add(encoder.describe(image))
-    assert len(fused.query(encoder.describe(DEFAULT[2]), k=1)) == 1
-    assert len(fused.query(encoder.describe(DEFAULT[2]), k=3)) == 3
+        fused.add(fused.describe(image))
+    assert len(fused.query(fused.describe(DEFAULT[2]), k=1)) == 1
+    assert len(fused.query(fused.describe(DEFAULT[2]), k=3)) == 3
     spread = FusedRecognizer(encoder, CascadeSettings(proposed=12, ranked=12, spread=4))
     for image in DEFAULT:
-        spread.add(encoder.describe(image))
-    places = [m.place for m in spread.query(encoder.describe(DEFAULT[2]), k=12)]
+        spread.add(spread.describe(image))
+    places = [m.place for m in spread.query(fused.describe(DEFAULT[2]), k=12)]
     assert places[0] == 2
     assert all(abs(a - b) >= 4 for i, a in enumerate(places) for b in places[:i])
 
@@ -248,6 +257,30 @@ def test_climbing_names_the_neighbour_seen_from_nearest():
         assert abs(named[1].place - 5) < 3
 
 
+class LedOnly(GeometricVerifier):
+    """Refuses one view unless it is told where to start from, and is never certain."""
+
+    def __init__(self, shy):
+        super().__init__()
+        self.shy = shy
+
+    def verify(self, query, match, *, starts=(), **options):
+        found = super().verify(query, match, starts=starts, **options)
+        if match is self.shy and not starts:
+            return replace(found, accepted=False, agreement=0.0)
+        return replace(found, agreement=min(0.4, found.agreement) + 0.1 * (match is self.shy))
+
+
+def test_climbing_asks_again_for_a_neighbour_that_the_search_refused():
+    descriptions = [VerifiedDescription(f"place {i}", make_depth_view(row_at(4, float(i)))) for i in range(2)]
+    recognizer = VerifiedRecognizer(Listed([0.1, 0.2]), k=2, spread=1, verifier=LedOnly(descriptions[1].view))
+    for description in descriptions:
+        recognizer.add(description)
+    best = recognizer.query(VerifiedDescription("query", make_depth_view(row_at(4, 0.9))), k=2)[0]
+    assert best.place == 1
+    assert best.verification.accepted
+
+
 def test_neighbouring_frames_second_a_place_that_nobody_proposes():
     distances = [0.1] + [9.0] * (PLACES - 1)
     outcomes = {}
@@ -351,6 +384,37 @@ def test_verified_pairs_agree_with_the_verifier():
     assert recognizer.distance(a, other) == pytest.approx(1 + 0.5 / 1.5)
 
 
+def test_rankings_propose_in_turn_and_never_one_place_twice():
+    ranks = [np.array(r) for r in ([5, 6, 20, 9, 0], [6, 30, 21, 12])]
+    assert taken_in_turn(ranks, 40, 9, 1).tolist() == [5, 6, 20, 30, 9, 21, 0, 12]
+    assert taken_in_turn(ranks, 40, 9, 4).tolist() == [5, 30, 20, 12, 0]
+    assert taken_in_turn(ranks, 40, 3, 4).tolist() == [5, 30, 20]
+    assert taken_in_turn([ranks[0][:0], ranks[1]], 40, 2, 1).tolist() == [6, 30]
+
+
+def test_columns_propose_what_the_codes_do_not(encoder):
+    """Every code is the same here, so only the map can tell the places apart."""
+    fused = FusedRecognizer(encoder, CascadeSettings(ranked=2, spread=1, columns=True))
+    blind = FusedRecognizer(encoder, CascadeSettings(ranked=2, spread=1, columns=False))
+    coded = encoder.describe(DEFAULT[0])
+    for image in DEFAULT:
+        own = fused.describe(image)
+        for recognizer in (fused, blind):
+            recognizer.add(replace(own, signatures=coded.signatures, vectors=coded.vectors))
+    asked = replace(fused.describe(DEFAULT[9]), signatures=coded.signatures, vectors=coded.vectors)
+    assert 9 in [match.place for match in fused.query(asked, k=2)]
+    assert 9 not in [match.place for match in blind.query(asked, k=2)]
+
+
+def test_a_description_without_what_the_settings_compare_is_refused(encoder):
+    fused = FusedRecognizer(encoder, CascadeSettings(thumbnail_weight=0.3))
+    plain = encoder.describe(DEFAULT[0])
+    for ask in (fused.add, lambda d: fused.distance(d, d)):
+        with pytest.raises(DataError, match="thumbnail"):
+            ask(plain)
+    assert fused.query(fused.describe(DEFAULT[0])) == []
+
+
 def test_spread_proposals_keep_their_order():
     matches = [PlaceMatch(p, d / 10) for d, p in enumerate((10, 11, 30, 13, 14, 29))]
     assert [m.place for m in spread_in_time(matches, 3, 4)] == [10, 30, 14]
@@ -368,6 +432,8 @@ def test_spread_proposals_keep_their_order():
         {"turned": -1},
         {"vector_weight": 1.5},
         {"vectors": False, "exact": False},
+        {"thumbnail_weight": -0.1},
+        {"thumbnail_weight": 1.1},
     ],
 )
 def test_settings_that_cannot_be_raise(bad):

@@ -7,6 +7,7 @@ import pytest
 
 from depthprint import LoopClosureDetector, PlaceDatabase, load_shipped_encoder
 from depthprint.cascade import make_cascade
+from depthprint.cascade_settings import CascadeSettings
 from depthprint.errors import DataError
 from depthprint.verification import make_depth_view
 from depthprint.verification.view_arrays import pack_view, unpack_view
@@ -48,3 +49,22 @@ def test_the_cascade_localises_in_a_saved_map_as_in_its_own_memory(tmp_path):
     assert found.accepted
     assert found.distance == expected.distance
     np.testing.assert_array_equal(found.T_match_query, expected.T_match_query)
+
+
+def test_a_map_from_before_thumbnails_says_what_it_lacks_and_opens_without_them(tmp_path):
+    encoder = load_shipped_encoder("handheld")
+    path = tmp_path / "old.db"
+    before = CascadeSettings(thumbnail_weight=0.0, columns=False, verify=False)
+    with PlaceDatabase.create(path, encoder) as database:
+        mapping = LoopClosureDetector(make_cascade(encoder, before), threshold=1.0, database=database)
+        for seed in range(3):
+            mapping.add(boxes(seed, height_m=None))
+    with PlaceDatabase.open(path, read_only=True) as database:
+        with pytest.raises(DataError, match=r"'thumbnail'.*thumbnail_weight=0"):
+            LoopClosureDetector(
+                make_cascade(encoder, CascadeSettings(verify=False)), threshold=1.0, database=database
+            )
+        again = LoopClosureDetector(
+            make_cascade(encoder, before), exclusion_gap=0, threshold=1.0, database=database
+        )
+        assert again.query(boxes(2, height_m=None)).match == 2

@@ -7,6 +7,7 @@ from functools import partial
 from depthprint.cascade_settings import CascadeSettings
 from depthprint.encoder import Encoder
 from depthprint.fused_recognizer import FusedRecognizer
+from depthprint.presets import is_planar
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
@@ -15,6 +16,8 @@ from depthprint.verified_recognizer import VerifiedRecognizer
 __all__ = ["make_cascade"]
 
 _FRAMES_THAT_SECOND = 3
+# Of forward and spinning sensors more give no more loops. The others have as many from the columns as from the codes.
+_CHECKED, _CHECKED_WITH_COLUMNS = 4, 10
 
 
 def make_cascade(
@@ -42,13 +45,14 @@ def make_cascade(
         inner = ComplexityRecognizer(encoder, relaxed=settings.relaxed and not settings.exact)
     if not settings.verify:
         return inner
+    checked = _places_checked(encoder) if settings.verified is None else settings.verified
     polar = encoder.settings.polar
     shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
     return VerifiedRecognizer(
         inner,
-        settings.verified,
+        checked,
         spread=settings.spread,
-        pool=settings.ranked if settings.vectors else None,
+        pool=max(settings.ranked, checked) if settings.vectors else None,
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
@@ -57,3 +61,10 @@ def make_cascade(
         verifier=verifier,
         views=views,
     )
+
+
+def _places_checked(encoder: Encoder) -> int:
+    """How many proposals geometry looks at, by the sensor that the encoder is made for."""
+    settings = encoder.settings
+    in_perspective = all(stream.view != "polar" for stream in settings.streams)
+    return _CHECKED_WITH_COLUMNS if in_perspective or is_planar(settings) else _CHECKED

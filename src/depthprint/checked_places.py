@@ -28,8 +28,19 @@ class CheckedPlaces:
         self._pool = {match.place: match for match in pool}
         self._spread = spread
 
+    def accepted(self, place: int) -> bool:
+        """Whether a place was checked and passed."""
+        found = self.found.get(place)
+        return found is not None and found.accepted
+
     def add(self, place: int, found: Verification, support: float, plausible: bool) -> None:
-        """Take in a check; ``support``: evidence of earlier frames; ``plausible``: it would do for a seconded place."""
+        """Take in a check; ``support``: evidence of earlier frames; ``plausible``: it would do for a seconded place.
+
+        Of two checks of one place that which agrees more counts, an accepted one first.
+        """
+        before = self.found.get(place)
+        if before is not None and _rank(before) >= _rank(found):
+            return
         self.found[place], self._support[place] = found, support
         if plausible:
             self._plausible.add(place)
@@ -95,6 +106,10 @@ class CheckedPlaces:
             return self._pool[place].distance
         beside = [match.distance for match in self._pool.values() if abs(match.place - place) <= self._spread]
         return min(beside) if beside else max(match.distance for match in self._pool.values())
+
+
+def _rank(found: Verification) -> tuple[bool, float]:
+    return found.accepted, found.agreement
 
 
 def evidence_of(found: Verification, inner: float) -> float:

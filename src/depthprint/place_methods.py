@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from depthprint.encoder import Encoder
 from depthprint.encoder_file import shipped_model_path
 from depthprint.errors import ModelError, SettingsError
-from depthprint.presets import preset_settings
+from depthprint.presets import bird_eye_columns, preset_settings
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.settings import PolarSettings
@@ -26,10 +26,6 @@ __all__ = [
 ]
 
 WITH_GEOMETRY = "+geometry"
-
-# A narrow hand-held view reaches a few metres: the bird's-eye grid of the baseline is scaled to it.
-_HANDHELD_POLAR = PolarSettings(sectors=24, rings=20, ring_m=0.25, ground_clearance_m=0.2, max_height_m=3.0)
-_HANDHELD_CHANNELS = ("height", "low-count", "high-count")
 
 # The papers' settings, with grids scaled to what each kind of sensor sees.
 _SCAN_CONTEXT: dict[str, dict[str, Any]] = {
@@ -62,11 +58,7 @@ class PlaceMethodContext:
 
     def polar(self) -> tuple[PolarSettings, tuple[str, ...], int]:
         """Bird's-eye grid, channels and largest shift that suit the data."""
-        settings = preset_settings(self.preset)
-        channels = tuple(c for s in settings.streams if s.view == "polar" for c in s.channels)
-        if not channels:
-            return _HANDHELD_POLAR, _HANDHELD_CHANNELS, 3
-        return settings.polar, channels, settings.max_shift
+        return bird_eye_columns(preset_settings(self.preset))
 
 
 def load_shipped_encoder(preset: str) -> Encoder:
@@ -164,6 +156,13 @@ def _compression(compressor: str) -> Callable[[PlaceMethodContext], PlaceRecogni
     return make
 
 
+def _fused(context: PlaceMethodContext) -> PlaceRecognizer:
+    from depthprint.cascade import make_cascade
+    from depthprint.cascade_settings import CascadeSettings
+
+    return make_cascade(context.encoder(), CascadeSettings(verify=False))
+
+
 def _detector(context: PlaceMethodContext) -> PlaceRecognizer:
     from depthprint.cascade import make_cascade
 
@@ -174,6 +173,7 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "emd": _emd,
     "emd-literal": _emd_literal,
     "emd-relaxed": _emd_relaxed,
+    "fused": _fused,
     "detector": _detector,
     "cosine": _cosine,
     "pixel-l2": _pixel_l2,

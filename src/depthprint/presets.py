@@ -5,7 +5,12 @@ from __future__ import annotations
 from depthprint.errors import SettingsError
 from depthprint.settings import EncoderSettings, PolarSettings, StreamSettings
 
-__all__ = ["PRESETS", "preset_settings"]
+__all__ = ["PRESETS", "bird_eye_columns", "is_planar", "preset_settings"]
+
+# A narrow hand-held view reaches a few metres: its bird's-eye grid is scaled to it.
+_HAND_HELD_POLAR = PolarSettings(sectors=24, rings=20, ring_m=0.25, ground_clearance_m=0.2, max_height_m=3.0)
+_HAND_HELD_CHANNELS = ("height", "low-count", "high-count")
+_HAND_HELD_SHIFT = 3
 
 
 def _literal() -> EncoderSettings:
@@ -104,3 +109,16 @@ def preset_settings(name: str) -> EncoderSettings:
         return PRESETS[name]
     except KeyError:
         raise SettingsError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}") from None
+
+
+def bird_eye_columns(settings: EncoderSettings) -> tuple[PolarSettings, tuple[str, ...], int]:
+    """Bird's-eye grid, channels and largest shift in sectors that suit the sensor of some settings."""
+    channels = tuple(c for stream in settings.streams if stream.view == "polar" for c in stream.channels)
+    if not channels:
+        return _HAND_HELD_POLAR, _HAND_HELD_CHANNELS, _HAND_HELD_SHIFT
+    return settings.polar, channels, settings.max_shift
+
+
+def is_planar(settings: EncoderSettings) -> bool:
+    """Whether some settings are made for planar scans: they count all returns, without bands of heights."""
+    return any(s.view == "polar" and "count" in s.channels for s in settings.streams)

@@ -216,14 +216,17 @@ class VerifiedRecognizer:
 
     def _climb_from(self, checks: CheckedPlaces, description: VerifiedDescription, stored: int) -> None:
         """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
+        led: set[int] = set()
         for step in (4, 2, 1):
             best = checks.best
             if best is None or checks.certain:
                 break
             for place in (best - step, best + step):
-                if 0 <= place < stored and place not in checks.found:
+                if 0 <= place < stored and place not in led and not checks.accepted(place):
+                    # A search from nowhere may have refused it before: this pose is better than any of its starts.
                     pose = self._moved(checks.found[best].T_match_query, best, place)
                     self._check(checks, description, place, 0.0, (pose,), False)
+                    led.add(place)
 
     def _moved(
         self, T_match_query: npt.NDArray[np.float64], match: int, place: int

@@ -56,12 +56,19 @@ class CosineRecognizer:
         sectors: Sequence[int] | None = None,
     ) -> list[PlaceMatch]:
         """Nearest places with the shift in sectors; ``sectors``: shifts to try in place of the encoder's."""
+        tried = self._sectors if sectors is None else sectors
+        distances = self.distances(description, limit, tried)
+        return nearest_matches(distances, k, np.asarray(tried, dtype=np.float64)) if distances.size else []
+
+    def distances(
+        self, description: Encoding, limit: int | None = None, sectors: Sequence[int] | None = None
+    ) -> npt.NDArray[np.float32]:
+        """Distances (shifts, n) to all places below ``limit``, at the encoder's shifts or those given."""
         rows = self._store.rows(limit)
         tried = self._sectors if sectors is None else sectors
         if not len(rows) or not len(tried):
-            return []
-        distances = self._distances(description, rows, tried)
-        return nearest_matches(distances, k, np.asarray(tried, dtype=np.float64))
+            return np.empty((len(tried), len(rows)), dtype=np.float32)
+        return self._distances(description, rows, tried)
 
     def distance(self, first: Encoding, second: Encoding) -> float:
         """Distance of two encodings."""

@@ -61,11 +61,17 @@ class ScanContextLikeRecognizer:
         self, description: npt.NDArray[np.float32], k: int = 1, limit: int | None = None
     ) -> list[PlaceMatch]:
         """Nearest places, with the shift in sectors that brings the query onto them."""
+        distances = self.distances(description, limit)
+        return nearest_matches(distances, k, self._shifts.astype(np.float64)) if distances.size else []
+
+    def distances(
+        self, description: npt.NDArray[np.float32], limit: int | None = None
+    ) -> npt.NDArray[np.float32]:
+        """Distances (shifts, n) to the places below ``limit``."""
         rows, occupied = self._columns.rows(limit), self._occupied.rows(limit)
         if not len(rows):
-            return []
-        distances = column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
-        return nearest_matches(distances, k, self._shifts.astype(np.float64))
+            return np.empty((len(self._shifts), 0), dtype=np.float32)
+        return column_distances(description, rows, occupied, self._shifts, wraps=self._polar.full_circle)
 
     def distance(self, first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> float:
         """Mean cosine distance of the columns at the best shift."""

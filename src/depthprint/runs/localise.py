@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,8 +120,14 @@ def _recognizer(database: PlaceDatabase, checked: bool) -> PlaceRecognizer:
     from depthprint.complexity_recognizer import ComplexityRecognizer
 
     encoder = database.load_encoder()
+    if not checked:
+        return ComplexityRecognizer(encoder)
     # Frames are looked up, not added: there is no motion to follow.
-    return make_cascade(encoder, CascadeSettings(track=False)) if checked else ComplexityRecognizer(encoder)
+    settings = CascadeSettings(track=False)
+    kept = database[0].arrays
+    if "thumbnail" not in kept:
+        settings = replace(settings, thumbnail_weight=0.0)
+    return make_cascade(encoder, replace(settings, columns="columns" in kept))
 
 
 def _can_be_checked(database: PlaceDatabase) -> bool:
