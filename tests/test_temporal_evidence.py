@@ -86,7 +86,7 @@ def test_places_in_view_begin_with_the_nearest():
 
 @pytest.mark.parametrize("driven", [True, False])
 def test_weak_match_is_accepted_where_a_match_before_leads_to_it(driven):
-    inner = Told()
+    inner = Told(distance=0.2)
     recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, track=True)
 
     def described(x: float, needed: float):
@@ -129,7 +129,7 @@ def test_further_proposals_are_checked_only_where_none_was_accepted():
             calls.append(limit)
             return [PlaceMatch(0, 0.5, shift=0.0)]
 
-        inner = Told()
+        inner = Told(distance=0.2)
         recognizer = VerifiedRecognizer(inner, k=1, spread=1, climb=False, further=further)
         for world in (3, 8):
             recognizer.add(recognizer.describe(frame(0.0, world=block_world(world))))
