@@ -49,11 +49,13 @@ class CheckedPlaces:
     def best(self) -> int | None:
         """The accepted place to be called the match, or None."""
         accepted = [place for place, found in self.found.items() if found.accepted]
-        return max(
-            accepted,
-            key=lambda place: (self._joined(place, self.found[place].nearness), -place),
-            default=None,
-        )
+        if not accepted:
+            return None
+        nearness = {place: self.found[place].nearness for place in accepted}
+        # Earlier frames tell one road from another; which of its views is nearest this view alone tells.
+        strongest = max(accepted, key=lambda place: (self._joined(place, nearness[place]), -place))
+        beside = [place for place in accepted if abs(place - strongest) <= _ONE_PLACE]
+        return max(beside, key=lambda place: (nearness[place], -place))
 
     @property
     def certain(self) -> bool:

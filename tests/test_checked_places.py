@@ -1,0 +1,48 @@
+"""Which of the places that a query was checked against is named its match."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from depthprint.checked_places import CheckedPlaces
+from depthprint.recognizer import PlaceMatch
+from depthprint.verification import Verification
+
+
+def accepted(agreement: float, offset_m: float) -> Verification:
+    pose = np.eye(4)
+    pose[0, 3] = offset_m
+    return Verification(
+        T_match_query=pose,
+        inliers=100,
+        rmse_m=0.1,
+        overlap=0.5,
+        free_space_violations=0,
+        free_space_share=0.0,
+        agreement=agreement,
+        accepted=True,
+        start="given pose",
+        reason="",
+        max_offset_m=8.0,
+        offset_weight=1.0,
+    )
+
+
+def checks_of(*found: tuple[int, Verification, float]) -> CheckedPlaces:
+    checks = CheckedPlaces([PlaceMatch(place, 0.5) for place, _, _ in found], spread=4)
+    for place, verification, support in found:
+        checks.add(place, verification, support, plausible=True)
+    return checks
+
+
+def test_of_two_views_of_one_road_the_nearer_is_named_whatever_earlier_frames_say():
+    checks = checks_of((63, accepted(0.53, 4.0), 0.5), (64, accepted(0.5, 2.0), 0.1))
+    assert checks.best == 64
+    # It has the evidence of the view beside it.
+    assert checks.ranked()[0].place == 64
+    assert checks.ranked()[0].distance == min(match.distance for match in checks.ranked())
+
+
+def test_of_two_roads_the_one_that_earlier_frames_lead_to_is_named():
+    checks = checks_of((63, accepted(0.53, 2.0), 0.5), (200, accepted(0.6, 2.0), 0.0))
+    assert checks.best == 63
