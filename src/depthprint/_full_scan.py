@@ -13,7 +13,7 @@ from depthprint._signature_store import SignatureStore
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
-    from depthprint.signature_index import StreamDistance
+    from depthprint.stream_distance import StreamDistance
 
 __all__ = ["ROUNDING", "FullScan"]
 

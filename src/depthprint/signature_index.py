@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint._pairs import (
-    Form,
-    Masses,
     check_alike,
-    check_form,
-    check_masses,
     refuse_empty,
     shift_table,
     side_arrays,
 )
 from depthprint._signature_store import SignatureStore
 from depthprint.errors import DataError, SettingsError
-from depthprint.signature import GroundDistance, Signature, SignatureBatch
+from depthprint.signature import Signature, SignatureBatch
+from depthprint.stream_distance import StreamDistance
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
@@ -31,22 +28,6 @@ __all__ = ["IndexMatch", "QueryStatistics", "SignatureIndex", "StreamDistance"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class StreamDistance:
-    """Distance of one stream of an item: ``weight`` times the normalised distance, or the EMD (form None)."""
-
-    ground: GroundDistance = field(default_factory=GroundDistance)
-    masses: Masses = "null"
-    form: Form | None = "information"
-    weight: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_masses(self.masses)
-        check_form(self.form)
-        if not (np.isfinite(self.weight) and self.weight > 0):
-            raise SettingsError(f"StreamDistance: expected a finite weight > 0, got {self.weight}")
 
 
 class IndexMatch(NamedTuple):
