@@ -119,7 +119,8 @@ def _scaling(batch: SignatureBatch, n: int, settings: Settings) -> Comparison:
         4 if hasattr(index, "extend") else 3 * 8
     )  # an array that doubles is there thrice while it grows
     before = peak_memory_mb()
-    points, note = [], ""
+    points: list[dict[str, float]] = []
+    note = ""
     for size in sizes:
         needed = 2 * kept_bytes * size * batch.weights.shape[1] * (1 + batch.points.shape[2])
         if needed > _free_bytes():
