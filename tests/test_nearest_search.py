@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from depthprint._kernels.summaries import add_item_bounds
 from depthprint._nearest_search import NearestSearch
 from depthprint._pairs import side_arrays
+from depthprint._signature_store import summary_slack, summary_vectors
 from depthprint.errors import DataError
 from depthprint.signature import GroundDistance, Signature, SignatureBatch
 from depthprint.signature_index import SignatureIndex, StreamDistance
@@ -77,6 +79,19 @@ def test_search_solves_a_small_share_on_a_drive(period: float | None) -> None:
         assert index.statistics.bounds < 900  # of 600 items and 3 shifts
 
 
+def summary_bounds(search: NearestSearch, items: np.ndarray) -> np.ndarray:
+    """Bounds of some items' distances from their summary vectors, which `_block_bounds` draws boxes around."""
+    (store,), (stream,), (side,) = search._stores, search._streams, search._sides
+    others = store.gather(items)
+    vectors, _ = summary_vectors(others.weights, others.points, stream.ground)
+    out = np.zeros(len(items))
+    add_item_bounds(
+        search._vectors[0], side.masses[0], side.complexity[0], vectors, others.masses, others.complexity,
+        np.arange(len(items)), summary_slack(stream.ground), stream.weight, search._rules[0], out,
+    )  # fmt: skip
+    return out
+
+
 def test_every_bound_is_under_the_exact_distance() -> None:
     rng = np.random.default_rng(2)
     items = street_like(rng, 200, False, False)
@@ -93,7 +108,7 @@ def test_every_bound_is_under_the_exact_distance() -> None:
             search._prepare()
             everything = np.arange(len(index))
             blocks = search._block_bounds()[everything // 32]
-            summary = search._item_bounds(everything)
+            summary = summary_bounds(search, everything)
             swept = search._swept_parts(everything)[0]
             assert (blocks <= summary + 1e-6).all()
             for bound in (blocks, summary, swept):

@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from depthprint._pairs import check_status, pair_rules
+from depthprint._pairs import ROUNDING, check_status, pair_rules
 from depthprint._signature_store import SignatureStore
 
 if TYPE_CHECKING:
     from depthprint._kernels.ground import Side
     from depthprint.stream_distance import StreamDistance
 
-__all__ = ["ROUNDING", "FullScan"]
+__all__ = ["FullScan"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-# Bounds are sums in floating point; nothing within rounding of the k-th best is dismissed.
-ROUNDING = 1.0 + 1e-12
 _ITEMS_PER_SCAN = 4096
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from depthprint._pairs import ROUNDING
 from depthprint._signature_store import float32_holds, summary_slack, summary_vectors
 from depthprint.signature import GroundDistance
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 __all__ = ["BelowBound", "row_tasks"]
 
 IntArray = npt.NDArray[np.int64]
-_ROUNDING = 1.0 + 1e-12
 
 
 class BelowBound:
@@ -46,7 +46,7 @@ class BelowBound:
             self._left_vectors[i], self._left.masses[i], self._left.complexity[i], self._right_vectors,
             self._right.masses, self._right.complexity, columns, self._slack, 1.0, self._rules, bounds,
         )  # fmt: skip
-        return columns[bounds <= self._limit * _ROUNDING]
+        return columns[bounds <= self._limit * ROUNDING]
 
 
 def row_tasks(i: int, columns: IntArray, step: int) -> IntArray:

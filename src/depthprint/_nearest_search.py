@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from depthprint._full_scan import ROUNDING, FullScan
-from depthprint._pairs import check_status
+from depthprint._full_scan import FullScan
+from depthprint._pairs import ROUNDING, check_status
 from depthprint._signature_store import (
     ITEMS_PER_BLOCK,
     ITEMS_PER_GROUP,
@@ -193,19 +193,6 @@ class NearestSearch(FullScan):
             add_block_bounds(
                 self._vectors[s], side.masses[0], side.complexity[0], store.low, store.high, store.mass_range,
                 store.largest_complexity, summary_slack(stream.ground), stream.weight, self._rules[s], out,
-            )  # fmt: skip
-        return out
-
-    def _item_bounds(self, items: IntArray) -> FloatArray:
-        from depthprint._kernels.summaries import add_item_bounds
-
-        out = np.zeros(len(items))
-        for s, store in enumerate(self._stores):
-            side, stream, others = self._sides[s], self._streams[s], store.gather(items)
-            vectors, _ = summary_vectors(others.weights, others.points, stream.ground)
-            add_item_bounds(
-                self._vectors[s], side.masses[0], side.complexity[0], vectors, others.masses, others.complexity,
-                np.arange(len(items)), summary_slack(stream.ground), stream.weight, self._rules[s], out,
             )  # fmt: skip
         return out
 

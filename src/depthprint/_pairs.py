@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from depthprint._kernels.ground import PairRules, Side
 
 __all__ = [
+    "ROUNDING",
     "Form",
     "Masses",
     "check_alike",
@@ -30,6 +31,9 @@ __all__ = [
 FloatArray = npt.NDArray[np.float64]
 Masses = Literal["null", "rubner", "balanced"]
 Form = Literal["joint", "information", "steinhaus"]
+
+# Bounds are sums in floating point; nothing within rounding of what counts is dismissed.
+ROUNDING = 1.0 + 1e-12
 
 
 def check_masses(masses: str) -> None:

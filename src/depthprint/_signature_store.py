@@ -83,8 +83,6 @@ class SignatureStore:
 
     def append(self, items: Side) -> None:
         """Add all signatures of a right side."""
-        from depthprint._kernels.split_points import split_items
-
         first, added = self.count, len(items.counts)
         k = items.weights.shape[1]
         self._keep_weights(items)
@@ -94,11 +92,10 @@ class SignatureStore:
         if self.weights.shape[1]:
             self.weights[first:last, :k] = items.weights
             self.weights[first:last, k:] = 0.0
-        where = (first, self.codes, self.rest, self.scales, self.errors)
-        if not split_items(items.points, items.counts, *where):
+        if not self._split(items):
             self._keep_whole()
             self._keep_precision(items)
-            split_items(items.points, items.counts, first, self.codes, self.rest, self.scales, self.errors)
+            self._split(items)
         if not self.rest.shape[3]:
             self.whole_points[first:last, :, :k] = items.points
             self.whole_points[first:last, :, k:] = 0.0
@@ -107,6 +104,16 @@ class SignatureStore:
         self.complexity[first:last] = items.complexity
         self.count = last
         self._update_blocks(items, first)
+
+    def _split(self, items: Side) -> bool:
+        """Codes, rests, scales and errors of items that follow; False where rests cannot hold them."""
+        from depthprint._kernels.split_points import split_items
+
+        return bool(
+            split_items(
+                items.points, items.counts, self.count, self.codes, self.rest, self.scales, self.errors
+            )
+        )
 
     def items(self, count: int, *, codes_alone: bool = False) -> Items:
         """The first items as the kernels take them, without points where their codes suffice."""

@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from depthprint._kernels.split_points import LINEAR
-from depthprint._kernels.tiles import LANES
+from depthprint._kernels.tiles import LANES, spread_lanes
 
 __all__ = ["CODE_ROWS", "LARGEST_HALF", "load_codes", "meet_codes", "start_rows"]
 
@@ -69,11 +69,6 @@ def meet_codes(
 
 def _vector(builder: Any, pointer: Any) -> Any:
     return builder.bitcast(pointer, _LANES.as_pointer())
-
-
-def _spread(builder: Any, value: Any) -> Any:
-    first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), value, _INT(0))
-    return builder.shuffle_vector(first, first, ir.Constant(_LANES, [0] * LANES))
 
 
 def _halves(builder: Any, vector: Any) -> list[Any]:
@@ -140,9 +135,9 @@ def _emit_starts(context: Any, builder: Any, signature: Any, arguments: Any) -> 
     )
     factors = builder.load(builder.bitcast(ratios, _FLOATS.as_pointer()), align=4)
     with cgutils.for_range(builder, arguments[2]) as loop:
-        square = builder.bitcast(builder.load(builder.gep(squares, [loop.index])), _INT)
-        halves = _less_halves(builder, builder.bitcast(_spread(builder, square), _FLOATS), factors)
-        offset = _spread(builder, builder.load(builder.gep(offsets, [loop.index])))
+        square = spread_lanes(builder, builder.load(builder.gep(squares, [loop.index])))
+        halves = _less_halves(builder, square, factors)
+        offset = spread_lanes(builder, builder.load(builder.gep(offsets, [loop.index])))
         place = builder.gep(starts, [builder.mul(loop.index, loop.index.type(LANES))])
         builder.store(builder.sub(halves, offset), _vector(builder, place), align=4)
     return context.get_dummy_value()
@@ -171,7 +166,7 @@ def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     signed, sizes = (builder.select(linear, bytes_, zero) for bytes_ in (signed, sizes))
     values = builder.xor(builder.bitcast(signed, _LANES), offset)
     builder.store(values, _vector(builder, builder.gep(q.data, [builder.mul(k, size(LANES))])), align=4)
-    counted = _spread(builder, builder.load(builder.gep(mask.data, [k])))
+    counted = spread_lanes(builder, builder.load(builder.gep(mask.data, [k])))
     sizes = builder.and_(builder.bitcast(sizes, _LANES), counted)
     new = _add_products(context, builder, total, sizes, sizes)
     following = builder.add(k, size(1))
@@ -224,7 +219,7 @@ def _emit_meeting(context: Any, builder: Any, signature: Any, arguments: Any) ->
     here = at(mine, times(k, CODE_ROWS))
     new = [
         _add_products(
-            context, builder, sums[i], other, _spread(builder, builder.load(at(here, size(i))))
+            context, builder, sums[i], other, spread_lanes(builder, builder.load(at(here, size(i))))
         )
         for i in range(CODE_ROWS)
     ]  # fmt: skip

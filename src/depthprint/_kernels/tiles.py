@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column", "weigh_least"]
+__all__ = ["LANES", "TILE_ROWS", "load_column", "meet_column", "spread_lanes", "weigh_least"]
 
 LANES = 16
 TILE_ROWS = 7
@@ -87,6 +87,13 @@ def _vector(builder: Any, pointer: Any) -> Any:
     return builder.bitcast(pointer, _LANES.as_pointer())
 
 
+def spread_lanes(builder: Any, value: Any) -> Any:
+    """A vector of LANES times one number, of its type."""
+    vector = ir.VectorType(value.type, LANES)
+    first = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _INT32(0))
+    return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
+
+
 def _emit_load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     points, q, q_halves = (
         context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 3, 4)
@@ -136,8 +143,7 @@ def _emit_meeting(context: Any, builder: Any, signature: Any, arguments: Any) ->
         return _vector(builder, pointer)
 
     def spread(pointer: Any) -> Any:
-        first = builder.insert_element(ir.Constant(_LANES, ir.Undefined), builder.load(pointer), _INT32(0))
-        return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
+        return spread_lanes(builder, builder.load(pointer))
 
     def larger(x: Any, y: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", x, y), x, y)
@@ -186,17 +192,12 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     size, doubles = count.type, ir.VectorType(ir.DoubleType(), LANES)
     integers = signature.args[0].dtype == types.int32
 
-    def spread(value: Any) -> Any:
-        vector = ir.VectorType(value.type, LANES)
-        first = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _INT32(0))
-        return builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
-
     def extreme(sign: str, x: Any, y: Any) -> Any:
         return builder.select(builder.fcmp_ordered(sign, x, y), x, y)
 
     def lanes(k: int) -> Any:
         if not isinstance(signature.args[k], types.Array):
-            return spread(arguments[k])
+            return spread_lanes(builder, arguments[k])
         array = context.make_array(signature.args[k])(context, builder, arguments[k])
         return builder.load(_vector(builder, array.data), align=4)
 
@@ -227,7 +228,7 @@ def _emit_weighing(context: Any, builder: Any, signature: Any, arguments: Any) -
     least = extreme("<", extreme(">", builder.fsub(least, slack), zero), cap)
     builder.store(least, builder.bitcast(place, _LANES.as_pointer()), align=4)
     if signature.args[2].ndim == 1:
-        weight = spread(builder.load(builder.gep(weights, [k])))
+        weight = spread_lanes(builder, builder.load(builder.gep(weights, [k])))
     else:
         stored = doubles if signature.args[2].dtype == types.float64 else _LANES
         pointer = builder.bitcast(builder.gep(weights, [at]), stored.as_pointer())

@@ -1,11 +1,17 @@
-"""Bird's-eye maps compared column by column at the best shift: what all Scan Context methods share."""
+"""Maps compared column by column at shifts: what all Scan Context methods share, and the cosine of coded columns."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["column_distances", "occupied_columns", "shift_columns", "unit_columns"]
+__all__ = [
+    "column_distances",
+    "occupied_columns",
+    "products_with_rows",
+    "shifted_columns",
+    "unit_columns",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -23,15 +29,22 @@ def occupied_columns(columns: Float32Array) -> Float32Array:
     return np.asarray(columns.any(-1), dtype=np.float32)
 
 
-def shift_columns(columns: Float32Array, shift: int, *, wraps: bool) -> Float32Array:
-    """Columns (sectors, d) moved by ``shift``; those that come in from outside a limited view are empty."""
-    moved = np.roll(columns, shift, axis=0)
+def shifted_columns(columns: Float32Array, shifts: npt.NDArray[np.int64], *, wraps: bool) -> Float32Array:
+    """Columns (w, d) moved by each of some shifts, (s, w, d); those that come in from outside a limited view are 0."""
+    width = len(columns)
+    source = np.arange(width) - shifts[:, None]
+    moved = columns[source % width]
     if not wraps:
-        if shift > 0:
-            moved[:shift] = 0.0
-        elif shift < 0:
-            moved[shift:] = 0.0
-    return moved
+        moved[(source < 0) | (source >= width)] = 0.0
+    return np.asarray(moved)
+
+
+def products_with_rows(vectors: Float32Array, rows: Float32Array) -> Float32Array:
+    """Inner products (s, n) of a few vectors (s, d) with many rows (n, d)."""
+    # BLAS takes whole lanes, and long rows from the left: seven vectors on that side cost twice as much as eight here.
+    lanes = np.zeros((-(-len(vectors) // _LANES) * _LANES, rows.shape[1]), dtype=np.float32)
+    lanes[: len(vectors)] = vectors
+    return np.asarray((rows @ lanes.T).T[: len(vectors)])
 
 
 def column_distances(
@@ -46,10 +59,7 @@ def column_distances(
 
     query: (sectors, d) unit columns. rows: (n, sectors * d) of the places. occupied: (n, sectors).
     """
-    shifted = np.stack([shift_columns(query, int(s), wraps=wraps) for s in shifts])
-    # BLAS takes whole lanes, and long rows from the left: seven shifts on that side cost twice as much as eight here.
-    lanes = np.zeros((-(-len(shifts) // _LANES) * _LANES, rows.shape[1]), dtype=np.float32)
-    lanes[: len(shifts)] = shifted.reshape(len(shifts), -1)
-    cosines = (rows @ lanes.T).T[: len(shifts)]
+    shifted = shifted_columns(query, shifts, wraps=wraps)
+    cosines = products_with_rows(shifted.reshape(len(shifts), -1), rows)
     common = occupied_columns(shifted) @ occupied.T
     return np.asarray(1.0 - cosines / np.maximum(common, 1.0))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.baselines.column_matching import products_with_rows, shifted_columns
 from depthprint.baselines.vector_store import VectorStore, nearest_matches
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
@@ -14,8 +15,6 @@ from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch
 
 __all__ = ["CosineRecognizer", "unit_grid"]
-
-_LANES = 8
 
 
 def unit_grid(grid: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -84,23 +83,11 @@ class CosineRecognizer:
         """Distances (shifts, n)."""
         from depthprint._kernels.blocks import one_blas_thread
 
-        # BLAS takes whole lanes: seven columns cost more than eight.
-        columns = np.zeros((-(-len(sectors) // _LANES) * _LANES, rows.shape[1]), dtype=np.float32)
-        first = 0
+        parts = []
         for grid, weight, step in zip(query.vectors, self._weights, self._step, strict=True):
-            unit = np.float32(weight) * unit_grid(grid)
-            moved = self._moved(unit, np.asarray(sectors, dtype=np.int64) // step)
-            columns[: len(sectors), first : first + grid.size] = moved.reshape(len(sectors), -1)
-            first += grid.size
+            places = np.asarray(sectors, dtype=np.int64) // step
+            moved = shifted_columns(np.float32(weight) * unit_grid(grid), places, wraps=self._wraps)
+            parts.append(moved.reshape(len(sectors), -1))
         with one_blas_thread():
-            cosines = rows @ columns.T
-        return np.asarray(np.float32(1.0) - np.ascontiguousarray(cosines.T[: len(sectors)]))
-
-    def _moved(self, grid: npt.NDArray[np.float32], places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        """The grid (w, a) moved by each number of places, (len(places), w, a); what comes in from outside is zero."""
-        width = len(grid)
-        source = np.arange(width) - places[:, None]
-        moved = grid[source % width]
-        if not self._wraps:
-            moved[(source < 0) | (source >= width)] = 0.0
-        return np.asarray(moved)
+            cosines = products_with_rows(np.concatenate(parts, axis=1), rows)
+        return np.asarray(np.float32(1.0) - np.ascontiguousarray(cosines))

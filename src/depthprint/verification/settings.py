@@ -155,20 +155,12 @@ _HAND_HELD = VerificationSettings(
     agreeing_rad=math.radians(6.0),
     whole_clouds=True,
 )
-_ROW = VerificationSettings(
-    columns=360,
+_ROW = replace(
+    _SPINNING,
     reach_m=50.0,
     voxel_m=0.1,
-    tolerance=(0.3, 0.01, 0.0),
-    noise=(0.1, 0.005, 0.0),
-    min_overlap=0.25,
-    min_overlap_seconded=0.25,
-    max_free_space_share=0.6,
-    max_free_space_share_seconded=0.6,
-    min_agreement=0.3,
-    min_agreement_seconded=0.2,
     reached_elsewhere=0.2,
-    min_support=0.2,
+    min_overlap_motion=2.0,
     forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
     sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
     yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.baselines.kernel_descriptors.match_kernel import gaussian_products
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
 from depthprint.errors import DataError, SettingsError
 
@@ -46,7 +47,7 @@ class Vocabulary:
         centres = np.array(words, dtype=np.float64)
         if centres.ndim != 2 or not len(centres) or not np.isfinite(centres).all():
             raise DataError(f"Vocabulary: expected finite words (w, k), got shape {centres.shape}")
-        kernel = _match_kernel(centres, centres, gamma) + RIDGE * np.eye(len(centres))
+        kernel = gaussian_products(centres, centres, gamma) + RIDGE * np.eye(len(centres))
         # kernel = U U^T with U upper triangular, so U^-1 is the Cholesky factor of the inverse, never formed:
         # the inverse of a matrix so near singular is no longer positive.
         upper = np.linalg.cholesky(kernel[::-1, ::-1])[::-1, ::-1]
@@ -125,17 +126,12 @@ def power_transform(features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32
     return powers
 
 
-def _match_kernel(points: FloatArray, words: FloatArray, gamma: float) -> FloatArray:
-    squared = (points**2).sum(1)[:, None] + (words**2).sum(1) - 2.0 * points @ words.T
-    return np.asarray(np.exp(-gamma * np.maximum(squared, 0.0)))
-
-
 def _cell_means(crop: PatchDescriptors, vocabulary: Vocabulary) -> FloatArray:
     """Mean response (14, w) of the descriptors kept in each cell."""
     n_cells, n_words = sum(n * n for n in PYRAMID), len(vocabulary.words)
     if not len(crop.vectors):
         return np.zeros((n_cells, n_words))
-    response = _match_kernel(crop.vectors.astype(np.float64), vocabulary.words, vocabulary.gamma)
+    response = gaussian_products(crop.vectors.astype(np.float64), vocabulary.words, vocabulary.gamma)
     word = response.argmax(1)
     # Most responding first, so that the first of a cell and word is the one to keep.
     order = np.argsort(-response[np.arange(len(word)), word], kind="stable")

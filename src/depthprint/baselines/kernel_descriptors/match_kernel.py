@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ __all__ = ["MatchKernel", "gaussian_kernel", "gaussian_products", "grid_basis", 
 
 FloatArray = npt.NDArray[np.floating[Any]]
 Float32Array = npt.NDArray[np.float32]
+Real = TypeVar("Real", bound=np.floating[Any])
 
 # A product eigenvector that sums to less than this is centred already.
 _CENTRED = 1e-12
@@ -31,15 +32,15 @@ def gaussian_kernel(points: FloatArray, basis: FloatArray, gamma: float) -> Floa
     return np.asarray(np.exp(-gamma * squared))
 
 
-def gaussian_products(points: Float32Array, basis: FloatArray, gamma: float) -> Float32Array:
-    """The kernel of many points (..., d) against a basis (m, d) by one product of matrices: (..., m) float32.
+def gaussian_products(points: npt.NDArray[Real], basis: FloatArray, gamma: float) -> npt.NDArray[Real]:
+    """The kernel of many points (..., d) against a basis (m, d) by one product of matrices: (..., m), as precise.
 
     For points near the basis: what is squared cancels, so far from it the rounding would show.
     """
     squares = (points**2).sum(-1, keepdims=True)
     terms = np.concatenate([squares, points, np.ones_like(squares)], axis=-1)
     factors = np.vstack([np.ones(len(basis)), -2.0 * basis.T, (basis**2).sum(1)])
-    exponents = terms.reshape(-1, terms.shape[-1]) @ (-gamma * factors).astype(np.float32)
+    exponents = terms.reshape(-1, terms.shape[-1]) @ (-gamma * factors).astype(points.dtype)
     np.minimum(exponents, 0.0, out=exponents)
     return np.asarray(np.exp(exponents).reshape(*points.shape[:-1], len(basis)))
 

@@ -65,18 +65,20 @@ def crop_depth(image: RangeImage, patch: int, masked: bool = False) -> npt.NDArr
     A crop smaller than a patch is centred among pixels without return. ``masked``: what is not the object has
     no return. Raises DataError for other than pinhole images, and where nothing returned.
     """
-    known = _known_pixels(image, masked)
-    return np.pad(np.where(known, image.ranges_m, np.float32(0.0)), _margins(image.shape, patch))
+    return _known_depth(image, _known_pixels(image, masked), patch)
 
 
 def depth_and_points(
     image: RangeImage, patch: int, masked: bool = False
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
     """``crop_depth``, and the points (h, w, 3) of the camera, zero for no return. Raises as it does."""
-    depth = crop_depth(image, patch, masked)
     known = _known_pixels(image, masked)
     points = np.where(known[..., None], image.points(), np.float32(0.0)).astype(np.float64)
-    return depth, np.pad(points, [*_margins(image.shape, patch), (0, 0)])
+    return _known_depth(image, known, patch), np.pad(points, [*_margins(image.shape, patch), (0, 0)])
+
+
+def _known_depth(image: RangeImage, known: npt.NDArray[np.bool_], patch: int) -> npt.NDArray[np.float32]:
+    return np.pad(np.where(known, image.ranges_m, np.float32(0.0)), _margins(image.shape, patch))
 
 
 def _known_pixels(image: RangeImage, masked: bool) -> npt.NDArray[np.bool_]:
