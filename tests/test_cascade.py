@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from depthprint import cascade
 from depthprint.baselines.cosine import CosineRecognizer
 from depthprint.cascade import make_cascade
 from depthprint.cascade_settings import CascadeSettings
@@ -17,11 +18,12 @@ from depthprint.errors import DataError, SettingsError
 from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.loop_closure import LoopClosureDetector
 from depthprint.loop_status import LoopStatus
-from depthprint.place_methods import make_place_recognizer
+from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
 from depthprint.proposals import spread_in_time, taken_in_turn
 from depthprint.range_image import RangeImage
 from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
 from depthprint.recognizer import PlaceMatch
+from depthprint.simulation import training
 from depthprint.verification.depth_view import make_depth_view
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
@@ -328,6 +330,20 @@ def test_shift_of_the_descriptor_turns_the_view_of_a_spinning_sensor():
     T = best.verification.T_match_query
     assert math.atan2(T[1, 0], T[0, 0]) == pytest.approx(turn, abs=0.02)
     assert best.shift * 2 * math.pi / 60 == pytest.approx(-turn % (2 * math.pi), abs=0.25)
+
+
+@pytest.mark.parametrize("name", [n for n in PLACE_METHODS if n.startswith("detector-no-")])
+def test_every_ablation_of_the_detector_lacks_what_its_name_says(name, encoder, monkeypatch):
+    monkeypatch.setattr(training, "training_images", lambda preset: DEFAULT)
+    made: list[tuple[Encoder, CascadeSettings]] = []
+    monkeypatch.setattr(cascade, "make_cascade", lambda e, settings, views=None: made.append((e, settings)))
+    for method in ("detector", name):
+        make_place_recognizer(method, "street", encoder)
+    (_, whole), (coded, ablated) = made
+    assert (coded.settings, ablated) != (encoder.settings, whole)
+    stage = {"turned": "turned", "thumbnails": "thumbnail_weight"}.get(name[12:], name[12:])
+    if hasattr(ablated, stage):
+        assert not getattr(ablated, stage)
 
 
 @pytest.mark.parametrize("name", ["detector", "pixel-l2+geometry", "cosine+geometry"])

@@ -7,6 +7,7 @@ from depthprint.encoder import Encoder
 from depthprint.errors import DataError, ModelError, SettingsError
 from depthprint.presets import PRESETS, preset_settings
 from depthprint.settings import EncoderSettings
+from depthprint.sparse_coding import sparse_code
 from synthetic import boxes, crop, scan
 
 IMAGES = {
@@ -135,3 +136,14 @@ def test_whole_image_atoms_code_a_planar_scan_as_a_repeated_row():
     view, _, model = encoder.codes(scan(3))
     assert (view.channels == view.channels[:, :1]).all()
     assert len(model.row(0)[0]) > 0
+
+
+@pytest.mark.parametrize("preset", ["street", "handheld"])
+def test_pixels_for_atoms_leave_patches_as_they_are(preset):
+    settings = small(preset)
+    streams = tuple(s.model_copy(update={"dictionary": "pixels"}) for s in settings.streams)
+    encoder = Encoder(settings.model_copy(update={"streams": streams})).fit(DEFAULT)
+    _, patches, model = encoder.codes(DEFAULT[3])
+    assert np.array_equal(model.to_dense(), patches.vectors)
+    pursued = sparse_code(patches.vectors, encoder.streams[0].dictionary, n_nonzero=None)
+    assert np.allclose(pursued.to_dense(), patches.vectors, atol=1e-5)

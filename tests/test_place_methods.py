@@ -9,12 +9,13 @@ from depthprint.errors import SettingsError
 from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
 from depthprint.projection import Spherical
 from depthprint.range_image import RangeImage
+from depthprint.simulation import training
 from synthetic import boxes
 from test_encoder import DEFAULT, IMAGES, small
 
 # The detector searches its own proposals only, and checks them: test_cascade.py has its contract.
 # map-closures proposes only places that its package can align; tests/test_map_closures.py has its own contract
-QUICK = [name for name in PLACE_METHODS if name not in ("ncd-zstd", "detector", "map-closures")]
+QUICK = [n for n in PLACE_METHODS if n not in ("ncd-zstd", "map-closures") and not n.startswith("detector")]
 # These score a place by more than the pair: by the rest of the map, or by the frames before.
 BY_CONTEXT = ("fabmap2", "seqslam")
 PRESETS_OF_PLACES = ("street", "handheld", "laser", "lidar")
@@ -25,6 +26,7 @@ def _small_shipped_models(monkeypatch):
     """Train the literal preset's model here: the shipped one has more atoms than these images can show."""
     literal = Encoder(small("literal")).fit(DEFAULT)
     monkeypatch.setattr(place_methods, "load_shipped_encoder", lambda preset: literal)
+    monkeypatch.setattr(training, "training_images", lambda preset: IMAGES.get(preset, DEFAULT))
 
 
 @pytest.fixture(scope="module")

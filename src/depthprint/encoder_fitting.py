@@ -63,6 +63,8 @@ def _learn(
     patches: Sequence[Patches], stream: StreamSettings, settings: EncoderSettings, rng: np.random.Generator
 ) -> Dictionary:
     signals = np.concatenate([p.vectors for p in patches])
+    if stream.dictionary == "pixels":
+        return Dictionary(np.eye(signals.shape[1]), "pixels")
     norms = np.linalg.norm(signals, axis=1)
     known = np.flatnonzero(norms > 1e-6 * max(float(norms.max(initial=0.0)), 1e-12))
     if len(known) < stream.n_atoms and stream.dictionary != "parametric":

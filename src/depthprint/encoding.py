@@ -120,5 +120,15 @@ def ground_distance(stream: StreamSettings, settings: EncoderSettings) -> Ground
 
 
 def code_patches(patches: Patches, dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
-    """Sparse models of patches, by the stream's pursuit."""
+    """Sparse models of patches, by the stream's pursuit; of pixels for atoms, the patches themselves."""
+    if stream.dictionary == "pixels":
+        return _all_pixels(patches.vectors)
     return sparse_code(patches.vectors, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
+
+
+def _all_pixels(vectors: npt.NDArray[np.float32]) -> SparseModel:
+    """What a pursuit over one atom a pixel comes to without a limit: all values that are not 0."""
+    patch, pixel = np.nonzero(vectors)
+    indptr = np.searchsorted(patch, np.arange(len(vectors) + 1))
+    unexplained = np.zeros(len(vectors), dtype=vectors.dtype)
+    return SparseModel(indptr, pixel.astype(np.int32), vectors[patch, pixel], unexplained, vectors.shape[1])

@@ -8,14 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder
+from depthprint.encoder_ablations import UncodedEncoder, random_patches, without_mirror, without_root
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
-from depthprint.object_ablations import (
-    UncodedEncoder,
-    random_patch_encoder,
-    without_mirror,
-    without_root,
-)
 from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import compression_distances, pixel_distances
 from depthprint.place_methods import load_shipped_encoder
@@ -97,7 +92,7 @@ def _no_root(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, random_patch_encoder(encoder))
+    return _fused(name, random_patches(encoder))
 
 
 def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from depthprint.encoder import Encoder
+from depthprint.encoder_ablations import random_patches, without_coding
 from depthprint.encoder_file import shipped_model_path
 from depthprint.errors import ModelError, SettingsError
 from depthprint.presets import bird_eye_columns, preset_settings
@@ -156,25 +157,49 @@ def _compression(compressor: str) -> Callable[[PlaceMethodContext], PlaceRecogni
     return make
 
 
-def _fused(context: PlaceMethodContext) -> PlaceRecognizer:
-    from depthprint.cascade import make_cascade
-    from depthprint.cascade_settings import CascadeSettings
+def _emd_of(ablated: Callable[[Encoder], Encoder]) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
+    def make(context: PlaceMethodContext) -> PlaceRecognizer:
+        from depthprint.complexity_recognizer import ComplexityRecognizer
 
-    return make_cascade(context.encoder(), CascadeSettings(verify=False))
+        return ComplexityRecognizer(ablated(context.encoder()))
+
+    return make
 
 
-def _detector(context: PlaceMethodContext) -> PlaceRecognizer:
-    from depthprint.cascade import make_cascade
+def _detector_with(
+    *, ablated: Callable[[Encoder], Encoder] | None = None, **stages: Any
+) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
+    """The detector with some settings of its cascade, or over another encoder."""
 
-    return make_cascade(context.encoder(), views=context.views)
+    def make(context: PlaceMethodContext) -> PlaceRecognizer:
+        from depthprint.cascade import make_cascade
+        from depthprint.cascade_settings import CascadeSettings
+
+        encoder = context.encoder() if ablated is None else ablated(context.encoder())
+        return make_cascade(encoder, CascadeSettings(**stages), views=context.views)
+
+    return make
 
 
 PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "emd": _emd,
     "emd-literal": _emd_literal,
     "emd-relaxed": _emd_relaxed,
-    "fused": _fused,
-    "detector": _detector,
+    "emd-no-coding": _emd_of(without_coding),
+    "emd-random-patches": _emd_of(random_patches),
+    "fused": _detector_with(verify=False),
+    "detector": _detector_with(),
+    "detector-no-vectors": _detector_with(vectors=False),
+    "detector-no-relaxed": _detector_with(relaxed=False),
+    "detector-no-exact": _detector_with(exact=False),
+    "detector-no-thumbnails": _detector_with(thumbnail_weight=0.0),
+    "detector-no-columns": _detector_with(columns=False),
+    "detector-no-turned": _detector_with(turned=0),
+    "detector-no-climb": _detector_with(climb=False),
+    "detector-no-track": _detector_with(track=False),
+    "detector-no-history": _detector_with(track=False, consistency=False),
+    "detector-no-coding": _detector_with(ablated=without_coding),
+    "detector-random-patches": _detector_with(ablated=random_patches),
     "cosine": _cosine,
     "pixel-l2": _pixel_l2,
     "pixel-l2-centred": _pixel_l2_centred,

@@ -45,7 +45,8 @@ class StreamSettings(_Frozen):
     size: the view is brought to size x size pixels; a polar view has its own grid.
     atoms, patch_shape, stride: whole-image or patch atoms; a 0 in patch_shape means the whole extent.
     n_atoms, n_nonzero: dictionary size, and atoms per image or patch.
-    dictionary: 'learned' (eq. 1-2), 'omp' (trained by pursuit), 'random' (training patches), 'parametric'.
+    dictionary: 'learned' (eq. 1-2), 'omp' (trained by pursuit), 'random' (training patches), 'parametric', or
+        'pixels': one atom a pixel, all of them taken, whatever n_atoms and n_nonzero say: no coding.
     centre: subtract each patch's mean from each of its channels first.
     clusters: 'atoms' (the picked atoms), 'patches' (one a patch), 'cells' (codes max-pooled over cells).
     cells, cell_overlap: grids of cells; a cell is ``cell_overlap`` times its pitch.
@@ -66,7 +67,7 @@ class StreamSettings(_Frozen):
     stride: int = 2
     n_atoms: int = 256
     n_nonzero: int = 4
-    dictionary: Literal["learned", "omp", "random", "parametric"] = "learned"
+    dictionary: Literal["learned", "omp", "random", "parametric", "pixels"] = "learned"
     pursuit: Literal["omp", "ols", "mp"] = "omp"
     centre: bool = False
     clusters: ClusterKind = "cells"

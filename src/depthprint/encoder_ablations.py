@@ -1,4 +1,4 @@
-"""Encoders that lack one part of the recogniser's, to measure what that part is worth."""
+"""Encoders that lack one part of the shipped ones', to measure what that part is worth."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings
 from depthprint.views import make_view
 
-__all__ = ["UncodedEncoder", "random_patch_encoder", "without_mirror", "without_root"]
-
-_TRAINING_CROPS = 200
+__all__ = ["UncodedEncoder", "random_patches", "without_coding", "without_mirror", "without_root"]
 
 
 class UncodedEncoder(Encoder):
@@ -36,16 +34,23 @@ def without_root(encoder: Encoder) -> Encoder:
     return Encoder(_with_streams(encoder.settings, root=False), encoder.streams)
 
 
-def random_patch_encoder(encoder: Encoder) -> Encoder:
-    """The same settings with training patches drawn at random for atoms, from the same simulated objects."""
-    return _fitted(_with_streams(encoder.settings, dictionary="random"))
+@lru_cache(maxsize=4)
+def random_patches(encoder: Encoder) -> Encoder:
+    """The same settings with training patches drawn at random for atoms, of the images that the preset learned from."""
+    return _relearned(encoder, "random")
 
 
-@lru_cache(maxsize=1)
-def _fitted(settings: EncoderSettings) -> Encoder:
-    from depthprint.simulation.training import object_crops
+@lru_cache(maxsize=4)
+def without_coding(encoder: Encoder) -> Encoder:
+    """The same settings with pixels for atoms: patches are pooled, and compared, as they are."""
+    return _relearned(encoder, "pixels")
 
-    return Encoder(settings).fit(object_crops(_TRAINING_CROPS))
+
+def _relearned(encoder: Encoder, dictionary: str) -> Encoder:
+    from depthprint.simulation.training import training_images
+
+    settings = _with_streams(encoder.settings, dictionary=dictionary)
+    return Encoder(settings).fit(training_images(settings.name))
 
 
 def _with_streams(settings: EncoderSettings, **changes: object) -> EncoderSettings:
