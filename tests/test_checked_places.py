@@ -7,6 +7,7 @@ import numpy as np
 from depthprint.checked_places import CheckedPlaces
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import Verification
+from depthprint.verification.temporal_evidence import EarlierFrames
 
 
 def accepted(agreement: float, offset_m: float) -> Verification:
@@ -31,7 +32,7 @@ def accepted(agreement: float, offset_m: float) -> Verification:
 def checks_of(*found: tuple[int, Verification, float]) -> CheckedPlaces:
     checks = CheckedPlaces([PlaceMatch(place, 0.5) for place, _, _ in found], spread=4)
     for place, verification, support in found:
-        checks.add(place, verification, support, plausible=True)
+        checks.add(place, verification, EarlierFrames(support), plausible=True)
     return checks
 
 

@@ -17,7 +17,7 @@ from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis, TemporalEvidence
 from depthprint.verification.verifier import GeometricVerifier, judged
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
@@ -182,14 +182,14 @@ class VerifiedRecognizer:
         view, stored = description.view, self._views[place]
         found = self._verifier.verify(view, stored, yaw_rad=yaw_rad, starts=starts, seconded=seconded)
         if self._evidence is None:
-            checks.add(place, found, 0.0, found.accepted)
+            checks.add(place, found, EarlierFrames(), found.accepted)
             return
         plausible = judged(found, stored.settings, seconded=True)
-        support = 0.0
+        earlier = EarlierFrames()
         if plausible.accepted:
-            support = self._evidence.support(view, place, found.T_match_query)
-        found = judged(found, stored.settings, seconded=support > stored.settings.min_support)
-        checks.add(place, found, support, plausible.accepted)
+            earlier = self._evidence.said_before(view, place, found.T_match_query)
+        found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
+        checks.add(place, found, earlier, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""
