@@ -104,10 +104,10 @@ class VerifiedRecognizer:
         """Store a place; where the last query was of this description, its match becomes known to the next."""
         number = self.inner.add(description.inner)
         self._views.append(description.view)
-        hypotheses: tuple[Hypothesis, ...] = ()
+        hypotheses: tuple[Hypothesis, ...] | None = None
         if self._last is not None and self._last[0] is description:
             hypotheses = self._last[1]
-            if hypotheses[0].accepted:
+            if hypotheses and hypotheses[0].accepted:
                 self._links[number] = hypotheses[0]
         if self._evidence is not None:
             self._evidence.add(description.view, hypotheses)
@@ -140,9 +140,7 @@ class VerifiedRecognizer:
                     self._check(checks, description, match.place, yaw, (), False)
         if self._climb and checks.best is not None:
             self._climb_from(checks, description, stored)
-        hypotheses = checks.hypotheses()
-        if hypotheses:
-            self._last = description, hypotheses
+        self._last = description, checks.hypotheses()
         return checks.ranked()[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:

@@ -52,7 +52,7 @@ def _row_sizes(points: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
 def _sizes(
     normals: npt.NDArray[np.float64],
     distances_m: npt.NDArray[np.float64],
-    known: npt.NDArray[np.bool_],
+    known: npt.ArrayLike,
     bearings: int,
     plane_m: float,
 ) -> npt.NDArray[np.int64]:

@@ -46,8 +46,8 @@ class Hypothesis:
 class EarlierFrames:
     """What earlier frames say of a frame being at a pose in a place.
 
-    support: evidence in [0, 1) of the hypotheses that lead there. frames: those of the way driven last, whether or
-    not they lead there, and evidence: sum of what those that do said alone.
+    support: evidence in [0, 1) of the hypotheses that lead there. frames: those of the way driven last that were asked,
+    whether or not they lead there, and evidence: sum of what those that do said alone.
     """
 
     support: float = 0.0
@@ -69,11 +69,11 @@ class TemporalEvidence:
         self._odometry = DepthOdometry(verifier)
         self._hypotheses: dict[int, tuple[Hypothesis, ...]] = {}
 
-    def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] = ()) -> None:
-        """Append a frame and where it may have been, best first."""
+    def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] | None = None) -> None:
+        """Append a frame and where it may have been, best first; None where that was not asked."""
         number = len(self._odometry)
         self._odometry.add(view)
-        if hypotheses:
+        if hypotheses is not None:
             self._hypotheses[number] = tuple(hypotheses)
         self._hypotheses.pop(number - _REMEMBERED, None)
 
@@ -127,8 +127,8 @@ class TemporalEvidence:
         support, evidence, frames = 0.0, 0.0, 0
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest + 1 - _REMEMBERED), -1):
-            hypotheses = self._hypotheses.get(number, ())
-            if not hypotheses and not settings.way_m:
+            hypotheses = self._hypotheses.get(number)
+            if hypotheses is None or not (hypotheses or settings.way_m):
                 continue
             T_number_query = self._odometry.pose_of_next(number, view)
             if T_number_query is None:
