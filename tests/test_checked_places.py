@@ -47,3 +47,13 @@ def test_of_two_views_of_one_road_the_nearer_is_named_whatever_earlier_frames_sa
 def test_of_two_roads_the_one_that_earlier_frames_lead_to_is_named():
     checks = checks_of((63, accepted(0.53, 2.0), 0.5), (200, accepted(0.6, 2.0), 0.0))
     assert checks.best == 63
+
+
+def test_a_match_that_the_way_does_not_bear_out_is_less_sure():
+    alone = checks_of((63, accepted(0.5, 2.0), 0.5)).ranked()[0].distance
+    told = {}
+    for evidence in (0.0, 2.0):
+        checks = CheckedPlaces([PlaceMatch(63, 0.5)], spread=4)
+        checks.add(63, accepted(0.5, 2.0), EarlierFrames(0.5, evidence, frames=4), plausible=True)
+        told[evidence] = checks.ranked()[0].distance
+    assert alone < told[2.0] < told[0.0] < 1.0

@@ -65,6 +65,24 @@ def test_evidence_does_not_cross_a_break_of_odometry():
     assert evidence.places_in_view(query, [], 3, 2, 1) == {}
 
 
+def test_frames_of_the_way_that_lead_elsewhere_count_as_having_said_nothing():
+    evidence = TemporalEvidence(GeometricVerifier())
+    for i in range(4):
+        evidence.add(make_depth_view(frame(STEP_M * i)))
+    right = replace(hypothesis(3, np.eye(4)), alone=0.6)
+    evidence.add(make_depth_view(frame(STEP_M * 3)), [right])
+    evidence.add(make_depth_view(frame(STEP_M * 2)), [replace(right, place=0)])
+    evidence.add(make_depth_view(frame(STEP_M * 1.5)))
+    query = make_depth_view(frame(STEP_M))
+    said = evidence.said_before(query, 1, np.eye(4))
+    assert said.frames == 2
+    assert said.evidence == pytest.approx(0.6)
+    assert said.along_way(0.3) == pytest.approx(0.3)
+    # A way of which nothing is asked leaves the support alone.
+    silent = replace(query, settings=replace(query.settings, way_m=0.0))
+    assert evidence.said_before(silent, 1, np.eye(4)).frames == 0
+
+
 def test_old_hypotheses_are_forgotten():
     evidence = drive_twice(3, believed_at=0)
     here = make_depth_view(frame(0.0))
