@@ -7,6 +7,7 @@ import numpy as np
 from depthprint.checked_places import CheckedPlaces
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import Verification
+from depthprint.verification.temporal_evidence import EarlierFrames
 
 
 def accepted(agreement: float, offset_m: float) -> Verification:
@@ -31,7 +32,7 @@ def accepted(agreement: float, offset_m: float) -> Verification:
 def checks_of(*found: tuple[int, Verification, float]) -> CheckedPlaces:
     checks = CheckedPlaces([PlaceMatch(place, 0.5) for place, _, _ in found], spread=4)
     for place, verification, support in found:
-        checks.add(place, verification, support, plausible=True)
+        checks.add(place, verification, EarlierFrames(support), plausible=True)
     return checks
 
 
@@ -46,3 +47,13 @@ def test_of_two_views_of_one_road_the_nearer_is_named_whatever_earlier_frames_sa
 def test_of_two_roads_the_one_that_earlier_frames_lead_to_is_named():
     checks = checks_of((63, accepted(0.53, 2.0), 0.5), (200, accepted(0.6, 2.0), 0.0))
     assert checks.best == 63
+
+
+def test_a_match_that_the_way_does_not_bear_out_is_less_sure():
+    alone = checks_of((63, accepted(0.5, 2.0), 0.5)).ranked()[0].distance
+    told = {}
+    for evidence in (0.0, 2.0):
+        checks = CheckedPlaces([PlaceMatch(63, 0.5)], spread=4)
+        checks.add(63, accepted(0.5, 2.0), EarlierFrames(0.5, evidence, frames=4), plausible=True)
+        told[evidence] = checks.ranked()[0].distance
+    assert alone < told[2.0] < told[0.0] < 1.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,20 @@ def test_a_view_of_elsewhere_starts_another_chain():
     assert odometry.pose_of_next(1, make_depth_view(frame(STEP_M, world=block_world(8)))) is None
     assert odometry.places_near(2, np.eye(4), below=3, reach_m=100.0)[0].tolist() == [2]
     assert odometry.pose_of_next(2, make_depth_view(frame(STEP_M, world=block_world(8)))) is not None
+
+
+def test_a_planar_scan_is_followed_round_a_corner():
+    odometry = DepthOdometry(GeometricVerifier())
+    odometry.add(make_depth_view(frame(0.0)))
+    turned = make_depth_view(frame(0.3, yaw=0.2 + np.radians(50)))
+    found = odometry.pose_of_next(0, turned)
+    assert found is not None
+    true = np.linalg.inv(pose_at(ROW, 0.0, 0.0, 0.2, 0.5)) @ pose_at(ROW, 0.3, 0.0, 0.2 + np.radians(50), 0.5)
+    metres, degrees = pose_error(found, true)
+    assert metres < 0.1
+    assert degrees < 0.5
+    ahead_only = replace(turned, settings=replace(turned.settings, motion_yaw_rad=(0.0,)))
+    assert odometry.pose_of_next(0, ahead_only) is None
 
 
 def test_nothing_precedes_the_first_view():

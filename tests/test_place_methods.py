@@ -118,3 +118,24 @@ def test_scan_context_like_finds_the_shift_of_a_turned_view(models):
     best = recognizer.query(recognizer.describe(turned))[0]
     assert best.place == 4
     assert best.shift == -2
+
+
+@pytest.mark.parametrize(
+    ("preset", "checked"), [("street", 4), ("lidar", 4), ("handheld", 10), ("laser", 10)]
+)
+def test_geometry_looks_at_as_many_places_of_a_rival_as_of_the_detector(models, monkeypatch, preset, checked):
+    import depthprint.cascade
+    import depthprint.verified_recognizer
+
+    asked = []
+
+    class Counted(depthprint.verified_recognizer.VerifiedRecognizer):
+        def __init__(self, inner, k, **rest):
+            asked.append(k)
+            super().__init__(inner, k, **rest)
+
+    monkeypatch.setattr(depthprint.cascade, "VerifiedRecognizer", Counted)
+    monkeypatch.setattr(depthprint.verified_recognizer, "VerifiedRecognizer", Counted)
+    for name in ("detector", "scan-context-like+geometry"):
+        make_place_recognizer(name, preset, models[preset])
+    assert asked == [checked, checked]

@@ -37,18 +37,20 @@ def test_motion_from_a_match_supports_the_pose_it_leads_to():
     evidence = drive_twice(5, believed_at=4)
     query = make_depth_view(frame(-0.5 * STEP_M))
     led_to = true_pose(STEP_M, -0.5 * STEP_M)
-    found = evidence.support(query, 1, led_to)
+    found = evidence.said_before(query, 1, led_to).support
     assert 0.3 * STRENGTH < found < STRENGTH
-    assert evidence.support(query, 2, true_pose(2 * STEP_M, -0.5 * STEP_M)) == pytest.approx(found, abs=0.05)
+    assert evidence.said_before(query, 2, true_pose(2 * STEP_M, -0.5 * STEP_M)).support == pytest.approx(
+        found, abs=0.05
+    )
     aside = led_to.copy()
     aside[1, 3] += 2.0
-    assert evidence.support(query, 1, aside) == 0.0
+    assert evidence.said_before(query, 1, aside).support == 0.0
 
 
 def test_a_view_from_the_same_spot_is_no_new_witness_but_hands_on_its_own():
     query = make_depth_view(frame(0.01))
     from_here = {
-        support: drive_twice(3, believed_at=0, support=support).support(query, 0, np.eye(4))
+        support: drive_twice(3, believed_at=0, support=support).said_before(query, 0, np.eye(4)).support
         for support in (0.0, 0.5)
     }
     assert from_here[0.0] < 0.05
@@ -59,8 +61,26 @@ def test_evidence_does_not_cross_a_break_of_odometry():
     evidence = drive_twice(3, believed_at=0)
     evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
     query = make_depth_view(frame(STEP_M, world=block_world(8)))
-    assert evidence.support(query, 0, np.eye(4)) == 0.0
+    assert evidence.said_before(query, 0, np.eye(4)).support == 0.0
     assert evidence.places_in_view(query, [], 3, 2, 1) == {}
+
+
+def test_frames_of_the_way_that_lead_elsewhere_count_as_having_said_nothing():
+    evidence = TemporalEvidence(GeometricVerifier())
+    for i in range(4):
+        evidence.add(make_depth_view(frame(STEP_M * i)))
+    right = replace(hypothesis(3, np.eye(4)), alone=0.6)
+    evidence.add(make_depth_view(frame(STEP_M * 3)), [right])
+    evidence.add(make_depth_view(frame(STEP_M * 2)), [replace(right, place=0)])
+    evidence.add(make_depth_view(frame(STEP_M * 1.5)))
+    query = make_depth_view(frame(STEP_M))
+    said = evidence.said_before(query, 1, np.eye(4))
+    assert said.frames == 2
+    assert said.evidence == pytest.approx(0.6)
+    assert said.along_way(0.3) == pytest.approx(0.3)
+    # A way of which nothing is asked leaves the support alone.
+    silent = replace(query, settings=replace(query.settings, way_m=0.0))
+    assert evidence.said_before(silent, 1, np.eye(4)).frames == 0
 
 
 def test_old_hypotheses_are_forgotten():
@@ -68,7 +88,7 @@ def test_old_hypotheses_are_forgotten():
     here = make_depth_view(frame(0.0))
     for _ in range(16):
         evidence.add(here)
-    assert evidence.support(here, 0, np.eye(4)) == 0.0
+    assert evidence.said_before(here, 0, np.eye(4)).support == 0.0
 
 
 def test_places_in_view_begin_with_the_nearest():

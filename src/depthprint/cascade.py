@@ -9,11 +9,12 @@ from depthprint.encoder import Encoder
 from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.presets import is_planar
 from depthprint.recognizer import PlaceRecognizer
+from depthprint.settings import EncoderSettings
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
 from depthprint.verified_recognizer import VerifiedRecognizer
 
-__all__ = ["make_cascade"]
+__all__ = ["make_cascade", "places_checked"]
 
 _FRAMES_THAT_SECOND = 3
 # Of forward and spinning sensors more give no more loops. The others have as many from the columns as from the codes.
@@ -45,7 +46,7 @@ def make_cascade(
         inner = ComplexityRecognizer(encoder, relaxed=settings.relaxed and not settings.exact)
     if not settings.verify:
         return inner
-    checked = _places_checked(encoder) if settings.verified is None else settings.verified
+    checked = places_checked(encoder.settings) if settings.verified is None else settings.verified
     polar = encoder.settings.polar
     shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
     return VerifiedRecognizer(
@@ -63,8 +64,7 @@ def make_cascade(
     )
 
 
-def _places_checked(encoder: Encoder) -> int:
-    """How many proposals geometry looks at, by the sensor that the encoder is made for."""
-    settings = encoder.settings
+def places_checked(settings: EncoderSettings) -> int:
+    """How many proposals geometry looks at, by the sensor that the settings are made for: ours and a rival's alike."""
     in_perspective = all(stream.view != "polar" for stream in settings.streams)
     return _CHECKED_WITH_COLUMNS if in_perspective or is_planar(settings) else _CHECKED

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from depthprint.recognizer import PlaceMatch
-from depthprint.verification.temporal_evidence import Hypothesis
+from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis
 from depthprint.verification.verifier import Verification
 
 __all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
@@ -23,7 +23,7 @@ class CheckedPlaces:
 
     def __init__(self, pool: Sequence[PlaceMatch], spread: int) -> None:
         self.found: dict[int, Verification] = {}
-        self._support: dict[int, float] = {}
+        self._earlier: dict[int, EarlierFrames] = {}
         self._plausible: set[int] = set()
         self._pool = {match.place: match for match in pool}
         self._spread = spread
@@ -33,15 +33,15 @@ class CheckedPlaces:
         found = self.found.get(place)
         return found is not None and found.accepted
 
-    def add(self, place: int, found: Verification, support: float, plausible: bool) -> None:
-        """Take in a check; ``support``: evidence of earlier frames; ``plausible``: it would do for a seconded place.
+    def add(self, place: int, found: Verification, earlier: EarlierFrames, plausible: bool) -> None:
+        """Take in a check; ``earlier``: what earlier frames say; ``plausible``: it would do for a seconded place.
 
         Of two checks of one place that which agrees more counts, an accepted one first.
         """
         before = self.found.get(place)
         if before is not None and _rank(before) >= _rank(found):
             return
-        self.found[place], self._support[place] = found, support
+        self.found[place], self._earlier[place] = found, earlier
         if plausible:
             self._plausible.add(place)
 
@@ -71,8 +71,9 @@ class CheckedPlaces:
                 place,
                 self.found[place].T_match_query,
                 self._strength(place),
-                self._support[place],
+                self._earlier[place].support,
                 self.found[place].accepted,
+                self._alone(place),
             )
             for place in order
         )
@@ -88,7 +89,7 @@ class CheckedPlaces:
             if found is not None and found.accepted:
                 # The nearest view is named, with the evidence of its neighbours.
                 beside = [p for p in accepted if abs(p - place) <= _ONE_PLACE] if place == best else [place]
-                distance = 1.0 - max(self._strength(p) for p in beside)
+                distance = 1.0 - max(self._told(p) for p in beside)
             else:
                 doubt = 1.0 - self._strength(place) if place in self._plausible else 1.0
                 distance = 1.0 + doubt * match.distance / (1.0 + match.distance)
@@ -96,11 +97,19 @@ class CheckedPlaces:
         return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
 
     def _strength(self, place: int) -> float:
-        return self._joined(place, evidence_of(self.found[place], self._inner(place)))
+        return self._joined(place, self._alone(place))
+
+    def _told(self, place: int) -> float:
+        """Strength, averaged with the evidence along the way where that is asked."""
+        strength, earlier = self._strength(place), self._earlier[place]
+        return 0.5 * (strength + earlier.along_way(self._alone(place))) if earlier.frames else strength
+
+    def _alone(self, place: int) -> float:
+        return evidence_of(self.found[place], self._inner(place))
 
     def _joined(self, place: int, own: float) -> float:
         """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
-        return 1.0 - (1.0 - own) * (1.0 - self._support[place])
+        return 1.0 - (1.0 - own) * (1.0 - self._earlier[place].support)
 
     def _inner(self, place: int) -> float:
         """Inner distance of a place, or of its nearest proposal beside it, or else of the worst proposal."""

@@ -227,9 +227,10 @@ def make_place_recognizer(
 ) -> PlaceRecognizer:
     """Build a method by its registry name, for data that suits ``preset``.
 
-    NAME+geometry is a method whose best few proposals are checked by geometry. ``model`` replaces the shipped encoder
-    of the methods that use the preset's, and what ``fabmap2`` learns from the frames ``learn_from``, which must not be
-    scored, its shipped vocabulary. ``views`` lets methods that see the same frames share what the check needs.
+    NAME+geometry is a method whose best proposals, as many as the detector's, are checked by geometry. ``model``
+    replaces the shipped encoder of the methods that use the preset's, and what ``fabmap2`` learns from the frames
+    ``learn_from``, which must not be scored, its shipped vocabulary. ``views`` lets methods that see the same frames
+    share what the check needs.
     Raises SettingsError on an unknown name, ModelError when the model is not fitted.
     """
     plain = name.removesuffix(WITH_GEOMETRY)
@@ -243,8 +244,10 @@ def make_place_recognizer(
     recognizer = PLACE_METHODS[plain](context)
     if plain == name:
         return recognizer
+    from depthprint.cascade import places_checked
     from depthprint.verified_recognizer import VerifiedRecognizer
 
     polar = context.polar()[0]
     columns = polar.sectors if polar.full_circle else None
-    return VerifiedRecognizer(recognizer, columns_full_circle=columns, track=True, views=views)
+    checked = places_checked(preset_settings(preset))
+    return VerifiedRecognizer(recognizer, checked, columns_full_circle=columns, track=True, views=views)

@@ -17,7 +17,7 @@ from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis, TemporalEvidence
 from depthprint.verification.verifier import GeometricVerifier, judged
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
@@ -104,10 +104,10 @@ class VerifiedRecognizer:
         """Store a place; where the last query was of this description, its match becomes known to the next."""
         number = self.inner.add(description.inner)
         self._views.append(description.view)
-        hypotheses: tuple[Hypothesis, ...] = ()
+        hypotheses: tuple[Hypothesis, ...] | None = None
         if self._last is not None and self._last[0] is description:
             hypotheses = self._last[1]
-            if hypotheses[0].accepted:
+            if hypotheses and hypotheses[0].accepted:
                 self._links[number] = hypotheses[0]
         if self._evidence is not None:
             self._evidence.add(description.view, hypotheses)
@@ -140,9 +140,7 @@ class VerifiedRecognizer:
                     self._check(checks, description, match.place, yaw, (), False)
         if self._climb and checks.best is not None:
             self._climb_from(checks, description, stored)
-        hypotheses = checks.hypotheses()
-        if hypotheses:
-            self._last = description, hypotheses
+        self._last = description, checks.hypotheses()
         return checks.ranked()[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
@@ -182,14 +180,14 @@ class VerifiedRecognizer:
         view, stored = description.view, self._views[place]
         found = self._verifier.verify(view, stored, yaw_rad=yaw_rad, starts=starts, seconded=seconded)
         if self._evidence is None:
-            checks.add(place, found, 0.0, found.accepted)
+            checks.add(place, found, EarlierFrames(), found.accepted)
             return
         plausible = judged(found, stored.settings, seconded=True)
-        support = 0.0
+        earlier = EarlierFrames()
         if plausible.accepted:
-            support = self._evidence.support(view, place, found.T_match_query)
-        found = judged(found, stored.settings, seconded=support > stored.settings.min_support)
-        checks.add(place, found, support, plausible.accepted)
+            earlier = self._evidence.said_before(view, place, found.T_match_query)
+        found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
+        checks.add(place, found, earlier, plausible.accepted)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""

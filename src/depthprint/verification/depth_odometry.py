@@ -88,8 +88,10 @@ class DepthOdometry:
             return None
         if self._step is None or self._step[0] is not view:
             found = self._verifier.refine(view, self._last, self._motion)
-            if not found.accepted:
-                found = self._verifier.verify(view, self._last, starts=(self._motion,))
+            for yaw_rad in view.settings.motion_yaw_rad:
+                if found.accepted:
+                    break
+                found = self._verifier.verify(view, self._last, yaw_rad=yaw_rad, starts=(self._motion,))
             self._step = view, found.T_match_query if _trusted(found, view) else None
         return self._step[1]
 

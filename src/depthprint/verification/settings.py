@@ -51,9 +51,11 @@ class VerificationSettings:
         places of one shape often reach, under 1; what is over it is evidence. min_support: evidence of earlier frames
         over which a place counts as seconded by them.
     min_overlap_motion: least overlap of a view and the next one for odometry, which starts beside the truth, to
-        believe their alignment; above 1 only what passes as a match is believed.
+        believe their alignment; above 1 only what passes as a match is believed. motion_yaw_rad: turns from one view
+        to the next about which the coarse search is made, one after the other until a match passes.
     witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
         where the matches before it and the motion since say, for each such motion.
+    way_m: how far back the frames are asked whose mean evidence a match's evidence is averaged with; 0: none.
     Raises SettingsError for values out of range.
     """
 
@@ -83,7 +85,9 @@ class VerificationSettings:
     reached_elsewhere: float = 0.0
     min_support: float = 0.0
     min_overlap_motion: float = 2.0
+    motion_yaw_rad: tuple[float, ...] = (0.0,)
     witness_m: float = 3.5
+    way_m: float = 0.0
     agreeing_m: float = 0.6
     agreeing_rad: float = math.radians(3.0)
 
@@ -94,6 +98,8 @@ class VerificationSettings:
         for name in (*_LENGTHS, "agreeing_rad"):
             if not getattr(self, name) > 0:
                 raise SettingsError(f"VerificationSettings: expected {name} > 0, got {getattr(self, name)}")
+        if not self.way_m >= 0:
+            raise SettingsError(f"VerificationSettings: expected way_m >= 0, got {self.way_m}")
         for name in _SHARES:
             if not 0 <= getattr(self, name) <= 1:
                 raise SettingsError(
@@ -101,7 +107,7 @@ class VerificationSettings:
                 )
         if self.reached_elsewhere == 1:
             raise SettingsError("VerificationSettings: expected reached_elsewhere < 1, got 1")
-        for name in ("forward_m", "sideways_m", "yaw_rad", "pitch_rad"):
+        for name in ("forward_m", "sideways_m", "yaw_rad", "pitch_rad", "motion_yaw_rad"):
             if not getattr(self, name):
                 raise SettingsError(f"VerificationSettings: expected at least one offset in {name}, got none")
 
@@ -159,12 +165,15 @@ _ROW = replace(
     _SPINNING,
     reach_m=50.0,
     voxel_m=0.1,
+    noise=(0.05, 0.01, 0.0),
     reached_elsewhere=0.2,
-    min_overlap_motion=2.0,
+    min_overlap_motion=0.4,
     forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
     sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
     yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),
     refined_starts=2,
+    motion_yaw_rad=_degrees(0, -42, 42),
+    way_m=15.0,
 )
 
 

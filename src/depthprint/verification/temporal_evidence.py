@@ -15,7 +15,7 @@ from depthprint.verification.depth_view import DepthView
 from depthprint.verification.settings import VerificationSettings
 from depthprint.verification.verifier import GeometricVerifier
 
-__all__ = ["Hypothesis", "TemporalEvidence"]
+__all__ = ["EarlierFrames", "Hypothesis", "TemporalEvidence"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,6 +31,7 @@ class Hypothesis:
 
     T_match_query: (4, 4) pose of the frame in the place. strength: evidence in [0, 1) with that of earlier frames,
     support: that of the earlier frames alone. accepted: whether the frame was called a match of the place.
+    alone: evidence of the frame without that of earlier ones.
     """
 
     place: int
@@ -38,6 +39,24 @@ class Hypothesis:
     strength: float
     support: float
     accepted: bool
+    alone: float = 0.0
+
+
+@dataclass(frozen=True)
+class EarlierFrames:
+    """What earlier frames say of a frame being at a pose in a place.
+
+    support: evidence in [0, 1) of the hypotheses that lead there. frames: those of the way driven last that were asked,
+    whether or not they lead there, and evidence: sum of what those that do said alone.
+    """
+
+    support: float = 0.0
+    evidence: float = 0.0
+    frames: int = 0
+
+    def along_way(self, alone: float) -> float:
+        """Mean evidence of the way's frames and of the last, which says ``alone``."""
+        return (alone + self.evidence) / (1 + self.frames)
 
 
 class TemporalEvidence:
@@ -50,11 +69,11 @@ class TemporalEvidence:
         self._odometry = DepthOdometry(verifier)
         self._hypotheses: dict[int, tuple[Hypothesis, ...]] = {}
 
-    def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] = ()) -> None:
-        """Append a frame and where it may have been, best first."""
+    def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] | None = None) -> None:
+        """Append a frame and where it may have been, best first; None where that was not asked."""
         number = len(self._odometry)
         self._odometry.add(view)
-        if hypotheses:
+        if hypotheses is not None:
             self._hypotheses[number] = tuple(hypotheses)
         self._hypotheses.pop(number - _REMEMBERED, None)
 
@@ -97,30 +116,38 @@ class TemporalEvidence:
         """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
         return self._odometry.relative_pose(first, second)
 
-    def support(self, view: DepthView, place: int, T_match_query: FloatArray) -> float:
-        """Evidence in [0, 1) of earlier frames for a frame not added yet being at a pose in a place.
+    def said_before(self, view: DepthView, place: int, T_match_query: FloatArray) -> EarlierFrames:
+        """What earlier frames say of a frame not added yet being at a pose in a place.
 
         A hypothesis counts when it, moved by odometry, leads there within tolerance. One from further back than the
-        witness distance counts by its strength, as an independent view; a nearer one saw nearly the same, and
+        witness distance supports by its strength, as an independent view; a nearer one saw nearly the same, and
         counts less the nearer it is, but hands on its own support. All fade with the distance driven.
         """
-        found = 0.0
+        settings = view.settings
+        support, evidence, frames = 0.0, 0.0, 0
         latest = len(self._odometry) - 1
         for number in range(latest, max(-1, latest + 1 - _REMEMBERED), -1):
-            hypotheses = self._hypotheses.get(number, ())
-            T_number_query = self._odometry.pose_of_next(number, view) if hypotheses else None
-            if T_number_query is None:
+            hypotheses = self._hypotheses.get(number)
+            if hypotheses is None or not (hypotheses or settings.way_m):
                 continue
-            driven = float(np.linalg.norm(T_number_query[:3, 3])) / view.settings.witness_m
+            T_number_query = self._odometry.pose_of_next(number, view)
+            if T_number_query is None:
+                break
+            driven_m = float(np.linalg.norm(T_number_query[:3, 3]))
+            driven = driven_m / settings.witness_m
+            said = 0.0
             for hypothesis in hypotheses:
                 T_place_match = self._odometry.relative_pose(place, hypothesis.place)
                 if T_place_match is None:
                     continue
                 T_expected = T_place_match @ hypothesis.T_match_query @ T_number_query
-                if _agree(T_expected, T_match_query, max(1.0, driven), view.settings):
-                    alone = min(1.0, driven) * _KEPT ** max(1.0, driven) * hypothesis.strength
-                    found = max(found, alone, _KEPT**driven * hypothesis.support)
-        return found
+                if _agree(T_expected, T_match_query, max(1.0, driven), settings):
+                    witness = min(1.0, driven) * _KEPT ** max(1.0, driven) * hypothesis.strength
+                    support = max(support, witness, _KEPT**driven * hypothesis.support)
+                    said = max(said, hypothesis.alone)
+            if driven_m < settings.way_m:
+                evidence, frames = evidence + said, frames + 1
+        return EarlierFrames(support, evidence, frames)
 
 
 def _agree(first: FloatArray, second: FloatArray, slack: float, settings: VerificationSettings) -> bool:
