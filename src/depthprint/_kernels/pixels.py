@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-__all__ = ["LASER_ROW", "PINHOLE", "SPHERICAL", "moved_point", "seen_by"]
+__all__ = ["LASER_ROW", "PINHOLE", "SPHERICAL", "SeenImage", "moved_point", "seen_by"]
 
 PINHOLE, SPHERICAL, LASER_ROW = 0, 1, 2
 
 Float64 = npt.NDArray[np.float64]
+
+
+class SeenImage(NamedTuple):
+    """A range image that points are projected into; all arrays are read-only.
+
+    kind, lens, wraps: of the projection, as ``seen_by`` takes them. ranges (h, w), NaN for nothing; ranges times
+    directions (h, w, 3) are points. tolerance, noise (3,): metres, share of the range, share of its square a metre.
+    """
+
+    kind: int
+    lens: Float64
+    wraps: bool
+    ranges: npt.NDArray[np.float32]
+    directions: Float64
+    tolerance: Float64
+    noise: Float64
 
 
 @njit(cache=True, nogil=True)

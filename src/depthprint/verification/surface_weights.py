@@ -8,7 +8,9 @@ import numpy.typing as npt
 from depthprint.projection import Projection
 from depthprint.verification.surface import pixels_of, surface_at
 
-__all__ = ["surface_weights"]
+__all__ = ["surface_weights", "weights_on_surface"]
+
+FloatArray = npt.NDArray[np.float64]
 
 # Points are of one surface whose normals share a bin of the compass, and whose planes one of distance.
 _BEARINGS, _PLANE_M = 12, 1.0
@@ -25,6 +27,13 @@ def surface_weights(
     surface is that it lies on: a view of one long wall says little of where it is.
     """
     there, normals = surface_at(pixels_of(points, ranges_m, projection), ranges_m, projection)
+    return weights_on_surface(points, there, normals, projection)
+
+
+def weights_on_surface(
+    points: npt.NDArray[np.float32], there: FloatArray, normals: FloatArray, projection: Projection
+) -> npt.NDArray[np.float32]:
+    """`surface_weights` of points (n, 3) where the surface's points and normals (n, 3) at their pixels are known."""
     flat = normals @ projection.R_flu_sensor.T
     bearing = np.floor(np.arctan2(flat[:, 1], flat[:, 0]) / (2 * np.pi) * _BEARINGS).astype(np.int64)
     plane = np.floor(np.einsum("nk,nk->n", there, normals) / _PLANE_M).astype(np.int64)
