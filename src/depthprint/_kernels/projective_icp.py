@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.pixels import SeenImage, moved_point, seen_by
+from depthprint._kernels.pixels import SeenImage, find_pixels, move_points, moved_point, seen_by
 
 __all__ = ["align_by_projection", "projective_residual", "window_normals"]
 
@@ -16,6 +17,14 @@ Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
 
 _DAMPING = 1e-3
+
+
+class Work(NamedTuple):
+    """Pixels and ranges of points, (n,) each, as `find_pixels` fills them."""
+
+    rows: npt.NDArray[np.int64]
+    columns: npt.NDArray[np.int64]
+    reach: Float64
 
 
 @njit(cache=True, nogil=True)
@@ -146,23 +155,20 @@ def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> No
 
 @njit(cache=True, nogil=True)
 def _linearised(
-    pose: Float64, points: Float64, normals: Float64, image: SeenImage, reach: float, rows: Float64
+    pose: Float64, moved: Float64, normals: Float64, image: SeenImage, limit: float, work: Work, rows: Float64
 ) -> int:
-    """Fill rows (n, 8) of the points that have a partner: slope of the error (6,), error, weight; how many have."""
-    height, width = image.ranges.shape
+    """Fill rows (n, 8) of moved points that have a partner: slope of the error (6,), error, weight; how many have."""
     t0, t1, t2 = image.tolerance[0], image.tolerance[1], image.tolerance[2]
     p00, p01, p02 = pose[0, 0], pose[0, 1], pose[0, 2]
     p10, p11, p12 = pose[1, 0], pose[1, 1], pose[1, 2]
     p20, p21, p22 = pose[2, 0], pose[2, 1], pose[2, 2]
     n = 0
-    for k in range(len(points)):
-        x, y, z = moved_point(pose, points[k, 0], points[k, 1], points[k, 2])
-        a, b, r = seen_by(image.kind, image.lens, image.wraps, height, width, x, y, z)
-        if a < 0:
-            continue
+    for k in range(moved.shape[1]):
+        x, y, z = moved[0, k], moved[1, k], moved[2, k]
+        a, b, r = work.rows[k], work.columns[k], work.reach[k]
         there = np.float64(image.ranges[a, b])
         sigma = t0 + t1 * r + t2 * r * r
-        allowed = max(reach, 2.0 * sigma)
+        allowed = max(limit, 2.0 * sigma)
         gx = there * image.directions[a, b, 0] - x
         gy = there * image.directions[a, b, 1] - y
         gz = there * image.directions[a, b, 2] - z
@@ -222,10 +228,14 @@ def align_by_projection(
     """
     hessian, gradient, step = np.empty((6, 6)), np.empty(6), np.empty(6)
     rotation, moved = np.empty((3, 3)), np.empty((3, 4))
-    rows = np.empty((len(points) + 1, 8))
+    total = len(points)
+    moved, rows, nowhere = np.empty((3, total)), np.empty((total + 1, 8)), np.zeros(3)
+    work = Work(np.empty(total, np.int64), np.empty(total, np.int64), np.empty(total))
     reach = limit
     for _ in range(iterations):
-        n = _linearised(pose, points, normals, image, reach, rows)
+        move_points(pose, points, 1, moved)
+        find_pixels(image, moved, nowhere, work.rows, work.columns, work.reach)
+        n = _linearised(pose, moved, normals, image, reach, work, rows)
         _normal_equations(rows, n, hessian, gradient)
         for i in range(6):
             # keeps a pose where it is along what nothing tells

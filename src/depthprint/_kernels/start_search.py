@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.pixels import SeenImage, seen_by
+from depthprint._kernels.pixels import SeenImage, find_pixels, turn_points
 
 __all__ = ["confirmed_shares", "spread_best"]
 
@@ -46,30 +46,32 @@ def _shares_of(
     image: SeenImage,
     shares: Float64,
 ) -> None:
-    height, width = image.ranges.shape
     a, b, c = slack * image.tolerance[0], slack * image.tolerance[1], slack * image.tolerance[2]
     n = (len(points) + step - 1) // step
-    turned = np.empty((n, 3))
+    turned, reach = np.empty((3, n)), np.empty(n)
+    rows, columns = np.empty(n, np.int64), np.empty(n, np.int64)
     before = np.int64(-1)
     for m in chosen:
-        pose = poses[m]
         # Many poses of a grid turn alike: only the first of them turns the points.
-        if before < 0 or (pose[:3, :3] != poses[before, :3, :3]).any():
-            for k in range(n):
-                x, y, z = points[k * step, 0], points[k * step, 1], points[k * step, 2]
-                for i in range(3):
-                    turned[k, i] = pose[i, 0] * x + pose[i, 1] * y + pose[i, 2] * z
+        if before < 0 or not _turn_alike(poses[m], poses[before]):
+            turn_points(poses[m], points, step, turned)
         before = m
+        find_pixels(image, turned, poses[m, :3, 3], rows, columns, reach)
         confirmed = 0
         for k in range(n):
-            row, column, r = seen_by(
-                image.kind, image.lens, image.wraps, height, width,
-                turned[k, 0] + pose[0, 3], turned[k, 1] + pose[1, 3], turned[k, 2] + pose[2, 3],
-            )  # fmt: skip
-            if row >= 0:
-                # false for NaN too
-                confirmed += abs(np.float64(image.ranges[row, column]) - r) <= a + b * r + c * r * r
+            r = reach[k]
+            # false for NaN too
+            confirmed += abs(np.float64(image.ranges[rows[k], columns[k]]) - r) <= a + b * r + c * r * r
         shares[m] = confirmed / max(1, n)
+
+
+@njit(cache=True, nogil=True)
+def _turn_alike(pose: Float64, other: Float64) -> bool:
+    alike = True
+    for i in range(3):
+        for j in range(3):
+            alike = alike & (pose[i, j] == other[i, j])
+    return alike
 
 
 @njit(cache=True, nogil=True)

@@ -20,8 +20,6 @@ _BEST_SHARE = 0.2
 _COARSE_SLACK = 2.0
 # Starts whose matrices differ by less than this everywhere lead to the same pose.
 _BESIDE = 0.15
-# A pixel and those around it are asked for a point's range.
-_NEIGHBOURS = 1
 
 
 @dataclass(frozen=True)
@@ -154,6 +152,6 @@ def _counted(
     from depthprint._kernels.agreement import count_agreement
 
     counts = np.empty(4, dtype=np.int64)
-    likeness = count_agreement(points, weights, step, pose, view.image, _NEIGHBOURS, counts)
+    likeness = count_agreement(points, weights, step, pose, view.image, counts)
     confirmed, hidden, free, unseen = counts.tolist()
     return ViewAgreement(confirmed, hidden, free, unseen, likeness)
