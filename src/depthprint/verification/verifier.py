@@ -16,6 +16,7 @@ from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.projective_alignment import ProjectiveAligner
 from depthprint.verification.scan_alignment import ScanAligner
+from depthprint.verification.settings import VerificationSettings
 from depthprint.verification.starts import (
     kiss_matcher_installed,
     kiss_matcher_start,
@@ -35,6 +36,9 @@ _CERTAIN = 0.7
 _HOPELESS = 0.5
 # A pose with less than this share of it is not refined on more points.
 _NEAR = 0.8
+# Nor one that falls so far short of the agreement of a plausible place, which more points raise by a few hundredths;
+# another start may raise it by more. Chosen on a simulated street.
+_MOST_GAIN, _MOST_GAIN_OF_STARTS = 0.1, 0.15
 # Points that tell how near it came; all that are counted judge a match.
 _GLANCED_POINTS = 400
 
@@ -114,6 +118,8 @@ class GeometricVerifier:
             given.append(glance)
             if glance.overlap > _CERTAIN or glance.overlap < _HOPELESS * enough:
                 break
+            if all(_falls_short(other, settings, _MOST_GAIN_OF_STARTS) for other in given):
+                break
         return self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
 
     def refine(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> Verification:
@@ -134,12 +140,17 @@ class GeometricVerifier:
         origin = "given pose" if glance.given else "coarse search"
         if isinstance(query.projection, LaserRow):
             return self._judge(query, match, glance.pose, origin, seconded)
-        enough = match.settings.min_overlap_seconded
-        if glance.overlap >= _NEAR * enough:
-            found = self._refined(query, match, glance.pose, origin, seconded, match.settings.whole_clouds)
-        else:
+        settings = match.settings
+        enough = settings.min_overlap_seconded
+        if glance.overlap < _NEAR * enough:
             reason = f"{glance.overlap:.0%} of the views agree, {enough:.0%} are needed"
             found = refused_start(glance.pose, glance.overlap, reason)
+        elif not glance.given and _falls_short(glance, settings, _MOST_GAIN):
+            least = settings.min_agreement_seconded
+            reason = f"the views agree to {glance.agreement:.2f} within their noise, {least:.2f} is needed"
+            found = refused_start(glance.pose, glance.overlap, reason)
+        else:
+            found = self._refined(query, match, glance.pose, origin, seconded, settings.whole_clouds)
         if self._kiss and not found.accepted:
             start = kiss_matcher_start(query, match)
             if start is not None:
@@ -210,6 +221,11 @@ class GeometricVerifier:
             offset_weight=match.settings.offset_weight,
         )
         return judged(found, match.settings, seconded=seconded)
+
+
+def _falls_short(glance: _Glance, settings: VerificationSettings, gain: float) -> bool:
+    """Whether a pose could gain so much in agreement and still be of no plausible place, where the noise is known."""
+    return settings.noise is not None and glance.agreement + gain < settings.min_agreement_seconded
 
 
 def _require_one_kind(query: DepthView, match: DepthView) -> None:
