@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from depthprint.projection import LaserRow, Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.verification.agreement import best_starts, coarse_overlaps, mutual_agreement, view_agreement
 from depthprint.verification.depth_view import DepthView, make_depth_view
+from depthprint.verification.projective_alignment import ProjectiveAligner
 from depthprint.verification.starts import pose_grid
+from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_surface import surface_of
 from test_verification import SPINNING, STEREO, block_world, pose_at, seen
 
@@ -138,3 +142,51 @@ def test_one_step_of_the_alignment_equals_the_slow_reference(projection):
     angle = math.acos((np.trace(pose[:3, :3]) - 1) / 2)
     assert angle == pytest.approx(np.linalg.norm(step[:3]), rel=1e-6)
     np.testing.assert_allclose(pose[:3, :3] @ step[:3], step[:3], rtol=1e-9, atol=1e-12)
+
+
+class CountingAligner(ProjectiveAligner):
+    """Counts what it is asked to align."""
+
+    def __init__(self) -> None:
+        self.quick = self.fine = 0
+
+    def refine(self, query, match, T_match_query, *, fine=False):
+        self.fine, self.quick = self.fine + fine, self.quick + (not fine)
+        return super().refine(query, match, T_match_query, fine=fine)
+
+
+def alignments_of_wrong_pairs(least: float) -> tuple[int, int]:
+    """Quick and fine alignments of views of different places, where ``least`` agreement makes a plausible one."""
+    aligner, verifier = CountingAligner(), GeometricVerifier()
+    verifier._quick = aligner
+    here = pose_at(STEREO, 0.0, 0.0, 0.0, 1.6)
+    worlds = [seen(block_world(seed), STEREO, here, 1.6) for seed in range(8)]
+    settings = replace(
+        worlds[0].settings,
+        coarse_overlap=0.0,
+        min_overlap=0.02,
+        min_overlap_seconded=0.02,
+        min_agreement_seconded=least,
+    )
+    views = [replace(view, settings=settings) for view in worlds]
+    for query, match in pairwise(views):
+        assert not verifier.verify(query, match).accepted
+    return aligner.quick, aligner.fine
+
+
+def test_starts_that_fall_far_short_are_neither_followed_nor_refined():
+    all_starts, all_refined = alignments_of_wrong_pairs(0.0)
+    starts, refined = alignments_of_wrong_pairs(0.9)
+    assert starts < all_starts
+    assert refined < all_refined
+
+
+def test_given_poses_are_refined_however_little_they_agree():
+    here, later = pose_at(STEREO, 0.0, 0.0, 0.3, 1.6), pose_at(STEREO, 0.4, 0.2, 0.35, 1.6)
+    match, query = (seen(block_world(3), STEREO, T, 1.6) for T in (here, later))
+    strict = replace(match.settings, min_agreement_seconded=1.0, min_agreement=1.0)
+    verifier = GeometricVerifier()
+    aligner = verifier._quick = CountingAligner()
+    found = verifier.refine(replace(query, settings=strict), replace(match, settings=strict), np.eye(4))
+    assert aligner.fine == 1
+    assert found.inliers > 50
