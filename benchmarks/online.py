@@ -116,9 +116,9 @@ def _stages(recognizer: VerifiedRecognizer, inner: FusedRecognizer, clock: _Cloc
         ("vector search", inner._vectors, "query"),
         ("relaxed bounds and exact distances", inner._index, "distances_of"),
         ("geometry", geometry, "verify"),
-        ("of it coarse search", verifier, "coarse_overlaps"),
+        ("of it coarse search", verifier, "best_starts"),
         ("of it alignment", geometry._quick, "refine"),
-        ("of it agreement", verifier, "view_agreement"),
+        ("of it agreement", verifier, "mutual_agreement"),
         ("add", recognizer, "add"),
     )
     with ExitStack() as stack:

@@ -12,6 +12,7 @@ from depthprint.range_image import RangeImage
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView, make_depth_view
 from depthprint.verification.projective_alignment import ProjectiveAligner
+from depthprint.verification.view_surface import surface_of
 from test_verification import HAND_HELD, SPINNING, STEREO, block_world, pose_at, pose_error, seen
 
 
@@ -93,7 +94,7 @@ def slow_residual(points, normals, view: DepthView, pose) -> tuple[int, float]:
         if not (math.isfinite(u[k]) and r[k] > 1e-6):
             continue
         row, column = math.floor(v[k] + 0.5), math.floor(u[k] + 0.5)
-        if view.camera()[2]:
+        if view.image.wraps:
             column %= width
         if not (0 <= row < height and 0 <= column < width):
             continue
@@ -113,20 +114,9 @@ def test_residual_equals_the_slow_reference(projection):
 
     query, match, true = pair(projection, block_world(4), (1.0, 0.5), 0.1, 1.6)
     aligner = ProjectiveAligner()
-    points, normals = aligner._sample(query, False)
+    points, normals = surface_of(query).quick
     for pose in (true, np.eye(4), pose_at(STEREO, 3.0, 0.0, 0.0, 0.0)):
-        kind, camera, wraps = match.camera()
-        found = projective_residual(
-            points,
-            normals,
-            kind,
-            camera,
-            wraps,
-            match.ranges_m,
-            match.projection.directions(),
-            match.settings.max_pairing_m,
-            pose,
-        )
+        found = projective_residual(points, normals, match.image, match.settings.max_pairing_m, pose)
         expected = slow_residual(points, normals, match, pose)
         assert found[0] == expected[0]
         assert found[1] == pytest.approx(expected[1], rel=1e-9, abs=1e-9)

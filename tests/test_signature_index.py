@@ -221,3 +221,19 @@ def test_impossible_settings_are_refused() -> None:
         SignatureIndex([StreamDistance(), StreamDistance()], [np.zeros((3, 0)), np.zeros((2, 0))])
     with pytest.raises(SettingsError, match="k >= 1"):
         SignatureIndex([StreamDistance()]).query((Signature([1.0], [[0.0]]),), k=0)
+
+
+def test_distances_to_few_items_are_those_of_a_scan_of_all(monkeypatch):
+    from depthprint import _full_scan
+
+    rng = np.random.default_rng(7)
+    ground = GroundDistance(position_dims=1, cap=1.2)
+    shifts = np.array([[0.0], [0.1], [-0.1]])
+    index = SignatureIndex([StreamDistance(ground), StreamDistance(ground, weight=0.5)], shifts)
+    for _ in range(12):
+        index.add([Signature(np.ones(5), rng.normal(0, 0.5, (5, 4)), "model") for _ in range(2)])
+    query = [Signature(np.ones(6), rng.normal(0, 0.5, (6, 4)), "model") for _ in range(2)]
+    few = index.distances_of(query, np.array([11, 3, 4]))
+    monkeypatch.setattr(_full_scan, "_FEW_ITEMS", 0)
+    np.testing.assert_allclose(few, index.distances_of(query, np.array([11, 3, 4])), rtol=1e-12)
+    np.testing.assert_allclose(index.distances(query)[[11, 3, 4]], few, rtol=1e-12)

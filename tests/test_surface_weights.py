@@ -9,6 +9,7 @@ from depthprint.projection import LaserRow, Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.verification.agreement import view_agreement
 from depthprint.verification.depth_view import make_depth_view
+from depthprint.verification.surface import pixels_of, surface_at
 from depthprint.verification.surface_weights import surface_weights
 
 CAMERA = Pinhole(100.0, 100.0, 79.5, 39.5, 160, 80)
@@ -27,12 +28,16 @@ def street(pole_column: int | None) -> RangeImage:
 
 def test_points_of_a_pole_count_more_than_those_of_a_long_wall_at_their_range():
     view = make_depth_view(street(40))
-    weights = surface_weights(view.counted, view.ranges_m, view.projection)
+    weights = view.weights
     assert (weights > 0).all()
     each = weights / np.linalg.norm(view.counted, axis=1)
     pole = view.counted[:, 0] < 0
     assert each[pole].min() > 3 * np.median(each[~pole])
-    np.testing.assert_array_equal(view.weights, weights)
+    there, normals = surface_at(
+        pixels_of(view.counted, view.ranges_m, view.projection), view.ranges_m, view.projection
+    )
+    alone = surface_weights(view.counted, there, normals, view.projection)
+    np.testing.assert_array_equal(alone, weights)
 
 
 def test_far_points_of_one_surface_count_more_than_near_ones():

@@ -12,6 +12,7 @@ from depthprint._pairs import ROUNDING, check_status, pair_rules
 from depthprint._signature_store import SignatureStore
 
 if TYPE_CHECKING:
+    from depthprint._kernels.decision import StreamPairs
     from depthprint._kernels.ground import Side
     from depthprint.stream_distance import StreamDistance
 
@@ -21,6 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _ITEMS_PER_SCAN = 4096
+_FEW_ITEMS = 64
 
 
 class FullScan:
@@ -57,6 +59,8 @@ class FullScan:
     def all_exact(self, items: IntArray | None = None) -> FloatArray:
         """Least exact distances (m,), of all items when None; per item, shifts in the order of their bounds."""
         items = np.arange(self.count) if items is None else items
+        if 0 < len(items) <= _FEW_ITEMS:
+            return self._few_exact(items)
         best = np.full(len(items), np.inf)
         for start in range(0, len(items), _ITEMS_PER_SCAN):
             scanned = items[start : start + _ITEMS_PER_SCAN]
@@ -70,6 +74,33 @@ class FullScan:
                 exact = self._exact(scanned, parts, rows, ranked[rows, rank], limits[rows])
                 nearest[rows] = np.minimum(nearest[rows], exact)
         return best
+
+    def _few_exact(self, items: IntArray) -> FloatArray:
+        """As ``all_exact``, in one compiled run on the calling thread."""
+        from depthprint._kernels.decision import decide
+
+        # As many are asked for as there are, so that none is given up.
+        nearest = np.full(max(1, len(items)), np.inf)
+        distances, shifts = np.full(len(items), np.inf), np.zeros(len(items), np.int64)
+        pairs = self._pairs_with(items)
+        solved, bounded, status = decide(
+            pairs, np.zeros(len(items)), np.empty((len(pairs), 0)), nearest, distances, shifts
+        )
+        check_status(np.array([status]))
+        self.emds_solved += solved
+        self.bounds_computed += bounded
+        return distances
+
+    def _pairs_with(self, items: IntArray) -> tuple[StreamPairs, ...]:
+        """The query and some items, stream by stream, as `decide` takes them."""
+        from depthprint._kernels.decision import StreamPairs
+
+        return tuple(
+            StreamPairs(side, store.gather(items), shifts, float(stream.weight), rules)
+            for side, store, shifts, stream, rules in zip(
+                self._sides, self._stores, self._shifts, self._streams, self._rules, strict=True
+            )
+        )
 
     def _relaxed_parts(self, items: IntArray) -> list[FloatArray]:
         """Weighted relaxed bounds (items, shifts) of each stream."""

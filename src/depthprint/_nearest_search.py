@@ -115,17 +115,12 @@ class NearestSearch(FullScan):
         ``swept`` (streams, items): the streams' weighted parts of the bounds, which need no repeating where they
         hold all there is.
         """
-        from depthprint._kernels.decision import StreamPairs, decide
+        from depthprint._kernels.decision import decide
 
         start, size = 0, _FIRST_ROUND
         while start < len(items) and bounds[start] <= self._threshold():
             part = slice(start, start + size)
-            streams = tuple(
-                StreamPairs(side, store.gather(items[part]), shifts, float(stream.weight), rules)
-                for side, store, shifts, stream, rules in zip(
-                    self._sides, self._stores, self._shifts, self._streams, self._rules, strict=True
-                )
-            )
+            streams = self._pairs_with(items[part])
             some = bounds[part]
             parts = np.empty((len(streams), 0)) if swept is None else swept[:, part]
             distances, shifts = np.full(len(some), np.inf), np.zeros(len(some), np.int64)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.pixels import moved_point, seen_by
+from depthprint._kernels.pixels import SeenImage, find_pixels, move_points, moved_point, seen_by
 
 __all__ = ["align_by_projection", "projective_residual", "window_normals"]
 
@@ -16,6 +17,14 @@ Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
 
 _DAMPING = 1e-3
+
+
+class Work(NamedTuple):
+    """Pixels and ranges of points, (n,) each, as `find_pixels` fills them."""
+
+    rows: npt.NDArray[np.int64]
+    columns: npt.NDArray[np.int64]
+    reach: Float64
 
 
 @njit(cache=True, nogil=True)
@@ -145,103 +154,116 @@ def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> No
 
 
 @njit(cache=True, nogil=True)
+def _linearised(
+    pose: Float64, moved: Float64, normals: Float64, image: SeenImage, limit: float, work: Work, rows: Float64
+) -> int:
+    """Fill rows (n, 8) of moved points that have a partner: slope of the error (6,), error, weight; how many have."""
+    t0, t1, t2 = image.tolerance[0], image.tolerance[1], image.tolerance[2]
+    p00, p01, p02 = pose[0, 0], pose[0, 1], pose[0, 2]
+    p10, p11, p12 = pose[1, 0], pose[1, 1], pose[1, 2]
+    p20, p21, p22 = pose[2, 0], pose[2, 1], pose[2, 2]
+    n = 0
+    for k in range(moved.shape[1]):
+        x, y, z = moved[0, k], moved[1, k], moved[2, k]
+        a, b, r = work.rows[k], work.columns[k], work.reach[k]
+        there = np.float64(image.ranges[a, b])
+        sigma = t0 + t1 * r + t2 * r * r
+        allowed = max(limit, 2.0 * sigma)
+        gx = there * image.directions[a, b, 0] - x
+        gy = there * image.directions[a, b, 1] - y
+        gz = there * image.directions[a, b, 2] - z
+        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
+        sx = p00 * nx + p01 * ny + p02 * nz
+        sy = p10 * nx + p11 * ny + p12 * nz
+        sz = p20 * nx + p21 * ny + p22 * nz
+        error = sx * gx + sy * gy + sz * gz
+        share = error / allowed
+        row = rows[n]
+        row[0], row[1], row[2] = y * sz - z * sy, z * sx - x * sz, x * sy - y * sx
+        row[3], row[4], row[5] = sx, sy, sz
+        row[6] = error
+        row[7] = (1.0 - share * share) ** 2 / (sigma * sigma)
+        # The row is kept by counting it, not by a branch; false for NaN too.
+        n += (abs(there - r) < 2.0 * allowed) & (abs(share) < 1.0)
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(rows: Float64, n: int, hessian: Float64, gradient: Float64) -> None:
+    """Fill the lower half of hessian (6, 6) and gradient (6,) from n rows, two by two: sums stay in registers."""
+    for i in range(0, 6, 2):
+        for j in range(0, i + 1, 2):
+            aa = ab = ba = bb = 0.0
+            for k in range(n):
+                first, second = rows[k, 7] * rows[k, i], rows[k, 7] * rows[k, i + 1]
+                aa += first * rows[k, j]
+                ab += first * rows[k, j + 1]
+                ba += second * rows[k, j]
+                bb += second * rows[k, j + 1]
+            hessian[i, j], hessian[i + 1, j], hessian[i + 1, j + 1] = aa, ba, bb
+            if i != j:
+                hessian[i, j + 1] = ab
+        a = b = 0.0
+        for k in range(n):
+            a += rows[k, 7] * rows[k, i] * rows[k, 6]
+            b += rows[k, 7] * rows[k, i + 1] * rows[k, 6]
+        gradient[i], gradient[i + 1] = a, b
+
+
+@njit(cache=True, nogil=True)
 def align_by_projection(
     points: Float64,
     normals: Float64,
-    kind: int,
-    camera: Float64,
-    wraps: bool,
-    ranges: Float32,
-    directions: Float64,
-    tolerance: Float64,
+    image: SeenImage,
     limit: float,
     shrink: float,
     iterations: int,
-    poses: Float64,
+    pose: Float64,
 ) -> None:
-    """Refine poses (m, 4, 4) T_image_points in place by Gauss-Newton on distances along the points' normals.
+    """Refine a pose (4, 4) T_image_points in place by Gauss-Newton on distances along the points' normals.
 
     points, normals (n, 3), in the points' frame. A point's partner is the return of the pixel that it falls on, within
     ``limit`` metres; its weight falls to zero there (Tukey), and ``limit`` shrinks by a factor each iteration, down to
-    twice ``tolerance`` (metres, share of the range, of its square a metre).
+    twice the image's tolerance.
     """
-    height, width = ranges.shape
-    hessian = np.empty((6, 6))
-    gradient = np.empty(6)
-    slope = np.empty(6)
-    step = np.empty(6)
-    rotation = np.empty((3, 3))
-    moved = np.empty((3, 4))
-    for m in range(len(poses)):
-        pose = poses[m]
-        reach = limit
-        for _ in range(iterations):
-            hessian[:] = 0.0
-            gradient[:] = 0.0
-            for k in range(len(points)):
-                x, y, z = moved_point(pose, points[k, 0], points[k, 1], points[k, 2])
-                a, b, r = seen_by(kind, camera, wraps, height, width, x, y, z)
-                if a < 0:
-                    continue
-                there = np.float64(ranges[a, b])
-                sigma = tolerance[0] + tolerance[1] * r + tolerance[2] * r * r
-                allowed = max(reach, 2.0 * sigma)
-                # false for NaN too
-                if not abs(there - r) < 2.0 * allowed:
-                    continue
-                gx = there * directions[a, b, 0] - x
-                gy = there * directions[a, b, 1] - y
-                gz = there * directions[a, b, 2] - z
-                nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
-                sx = pose[0, 0] * nx + pose[0, 1] * ny + pose[0, 2] * nz
-                sy = pose[1, 0] * nx + pose[1, 1] * ny + pose[1, 2] * nz
-                sz = pose[2, 0] * nx + pose[2, 1] * ny + pose[2, 2] * nz
-                error = sx * gx + sy * gy + sz * gz
-                share = error / allowed
-                if abs(share) >= 1.0:
-                    continue
-                weight = (1.0 - share * share) ** 2 / (sigma * sigma)
-                slope[0], slope[1], slope[2] = y * sz - z * sy, z * sx - x * sz, x * sy - y * sx
-                slope[3], slope[4], slope[5] = sx, sy, sz
-                for i in range(6):
-                    scaled = weight * slope[i]
-                    gradient[i] += scaled * error
-                    for j in range(i + 1):
-                        hessian[i, j] += scaled * slope[j]
-            for i in range(6):
-                # keeps a pose where it is along what nothing tells
-                hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6
-            if not _solve(hessian, gradient, step):
-                break
-            _move(pose, step, rotation, moved)
-            turned = abs(step[0]) + abs(step[1]) + abs(step[2])
-            shifted = abs(step[3]) + abs(step[4]) + abs(step[5])
-            if turned < 1e-3 and shifted < 0.05 * tolerance[0] and reach < 2.0 * tolerance[0]:
-                break
-            reach *= shrink
+    hessian, gradient, step = np.empty((6, 6)), np.empty(6), np.empty(6)
+    rotation, moved = np.empty((3, 3)), np.empty((3, 4))
+    total = len(points)
+    moved, rows, nowhere = np.empty((3, total)), np.empty((total + 1, 8)), np.zeros(3)
+    work = Work(np.empty(total, np.int64), np.empty(total, np.int64), np.empty(total))
+    reach = limit
+    for _ in range(iterations):
+        move_points(pose, points, 1, moved)
+        find_pixels(image, moved, nowhere, work.rows, work.columns, work.reach)
+        n = _linearised(pose, moved, normals, image, reach, work, rows)
+        _normal_equations(rows, n, hessian, gradient)
+        for i in range(6):
+            # keeps a pose where it is along what nothing tells
+            hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6
+        if not _solve(hessian, gradient, step):
+            break
+        _move(pose, step, rotation, moved)
+        turned = abs(step[0]) + abs(step[1]) + abs(step[2])
+        shifted = abs(step[3]) + abs(step[4]) + abs(step[5])
+        least = image.tolerance[0]
+        if turned < 1e-3 and shifted < 0.05 * least and reach < 2.0 * least:
+            break
+        reach *= shrink
 
 
 @njit(cache=True, nogil=True)
 def projective_residual(
-    points: Float64,
-    normals: Float64,
-    kind: int,
-    camera: Float64,
-    wraps: bool,
-    ranges: Float32,
-    directions: Float64,
-    limit: float,
-    pose: Float64,
+    points: Float64, normals: Float64, image: SeenImage, limit: float, pose: Float64
 ) -> tuple[int, float]:
     """Points with a partner within ``limit`` along their normals, and the sum of these squared distances."""
-    height, width = ranges.shape
+    height, width = image.ranges.shape
     paired, total = 0, 0.0
     for k in range(len(points)):
         x, y, z = moved_point(pose, points[k, 0], points[k, 1], points[k, 2])
-        row, column, r = seen_by(kind, camera, wraps, height, width, x, y, z)
+        row, column, r = seen_by(image.kind, image.lens, image.wraps, height, width, x, y, z)
         if row < 0:
             continue
-        there = np.float64(ranges[row, column])
+        there = np.float64(image.ranges[row, column])
         # false for NaN too
         if not abs(there - r) < 2.0 * limit:
             continue
@@ -249,7 +271,7 @@ def projective_residual(
         for a in range(3):
             turned = pose[a, 0] * normals[k, 0] + pose[a, 1] * normals[k, 1] + pose[a, 2] * normals[k, 2]
             moved = x if a == 0 else (y if a == 1 else z)
-            error += turned * (there * directions[row, column, a] - moved)
+            error += turned * (there * image.directions[row, column, a] - moved)
         if abs(error) < limit:
             paired += 1
             total += error * error

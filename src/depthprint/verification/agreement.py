@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError
-from depthprint.verification.depth_view import DepthView
+from depthprint.rigid_motion import inverse_pose
+from depthprint.verification.depth_view import DepthView, read_only
 
-__all__ = ["ViewAgreement", "coarse_overlaps", "thinned", "view_agreement"]
+__all__ = ["ViewAgreement", "best_starts", "coarse_overlaps", "mutual_agreement", "view_agreement"]
 
 # All poses are tried on a few points, those that did best on more.
 _FIRST_POINTS, _COARSE_POINTS = 32, 128
 _BEST_SHARE = 0.2
 _COARSE_SLACK = 2.0
+# Starts whose matrices differ by less than this everywhere lead to the same pose.
+_BESIDE = 0.15
 
 
 @dataclass(frozen=True)
@@ -67,9 +71,27 @@ def view_agreement(
         weights = np.ones(len(points), dtype=np.float32)
     if weights.shape != (len(points),):
         raise DataError(f"view_agreement: expected weights ({len(points)},), got {weights.shape}")
-    counts, likeness = _counts(points, weights, view, pose[None], 1, 1.0)
-    confirmed, hidden, free, unseen = (int(count) for count in counts[0])
-    return ViewAgreement(confirmed, hidden, free, unseen, float(likeness[0]))
+    return _counted(read_only(points), read_only(weights), 1, view, np.ascontiguousarray(pose))
+
+
+def mutual_agreement(
+    query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], count: int | None = None
+) -> tuple[ViewAgreement, ViewAgreement]:
+    """What the match says of the query's counted points under a pose (4, 4), and the query of the match's.
+
+    ``count``: about so many of them are asked, evenly drawn; all when None. The points' weights count where the noise
+    of the view that is asked is known.
+    """
+    pose = np.ascontiguousarray(T_match_query, dtype=np.float64)
+    return _seen(query, match, pose, count), _seen(match, query, inverse_pose(pose), count)
+
+
+def _seen(
+    view: DepthView, by: DepthView, T_by_view: npt.NDArray[np.float64], count: int | None
+) -> ViewAgreement:
+    points = view.counted_by_kernels
+    weights = view.weights if by.settings.noise is not None else _alike(len(points))
+    return _counted(points, weights, _step(len(points), count), by, T_by_view)
 
 
 def coarse_overlaps(
@@ -79,51 +101,57 @@ def coarse_overlaps(
 
     Poses that do badly on fewer points yet are not looked at again.
     """
-    overlaps = _confirmed(query, match, T_match_query, _FIRST_POINTS)
-    best = np.argsort(-overlaps, kind="stable")[: max(8, round(_BEST_SHARE * len(overlaps)))]
-    overlaps[best] = _confirmed(query, match, T_match_query[best], _COARSE_POINTS)
-    return overlaps
+    from depthprint._kernels.start_search import confirmed_shares
+
+    shares = np.empty(len(T_match_query))
+    confirmed_shares(
+        query.counted_by_kernels, _FIRST_POINTS, _COARSE_POINTS, max(8, round(_BEST_SHARE * len(shares))),
+        _COARSE_SLACK, _poses(T_match_query), match.image, shares,
+    )  # fmt: skip
+    return shares
 
 
-def _confirmed(
-    query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], n_points: int
-) -> npt.NDArray[np.float64]:
-    points = thinned(query.counted, n_points)
-    weights = np.ones(len(points), dtype=np.float32)
-    counts, _ = _counts(points, weights, match, T_match_query, 0, _COARSE_SLACK)
-    return np.asarray(counts[:, 0] / max(1, len(points)))
+def best_starts(
+    query: DepthView, match: DepthView, T_match_query: npt.NDArray[np.float64], count: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Which up to ``count`` of poses (m, 4, 4) lead to the largest `coarse_overlaps`, best first; all their overlaps.
+
+    No two of them lie beside each other.
+    """
+    from depthprint._kernels.start_search import spread_best
+
+    overlaps = coarse_overlaps(query, match, T_match_query)
+    return spread_best(_poses(T_match_query), overlaps, count, _BESIDE), overlaps
 
 
-def thinned(points: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.float32]:
-    """About ``count`` of some points (n, 3), or of their weights (n,), evenly drawn."""
-    return points[:: max(1, len(points) // count)]
+def _step(total: int, count: int | None) -> int:
+    """Every how many of some points are to be drawn for about ``count`` of them."""
+    return 1 if count is None else max(1, total // count)
 
 
-def _counts(
+def _poses(poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Poses in the one kind of array that kernels are compiled for."""
+    view = np.ascontiguousarray(poses, dtype=np.float64)[...]
+    view.setflags(write=False)
+    return view
+
+
+@lru_cache(maxsize=16)
+def _alike(count: int) -> npt.NDArray[np.float32]:
+    """Weights of points that all count the same."""
+    return read_only(np.ones(count, dtype=np.float32))
+
+
+def _counted(
     points: npt.NDArray[np.float32],
     weights: npt.NDArray[np.float32],
+    step: int,
     view: DepthView,
-    poses: npt.NDArray[np.float64],
-    neighbours: int,
-    slack: float,
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    pose: npt.NDArray[np.float64],
+) -> ViewAgreement:
     from depthprint._kernels.agreement import count_agreement
 
-    kind, camera, wraps = view.camera()
-    counts = np.zeros((len(poses), 4), dtype=np.int64)
-    likeness = np.zeros(len(poses))
-    count_agreement(
-        np.ascontiguousarray(points, dtype=np.float32),
-        np.ascontiguousarray(weights, dtype=np.float32),
-        np.ascontiguousarray(poses, dtype=np.float64),
-        kind,
-        camera,
-        wraps,
-        view.ranges_m,
-        slack * np.array(view.settings.tolerance),
-        np.array(view.settings.noise or view.settings.tolerance),
-        neighbours,
-        counts,
-        likeness,
-    )
-    return counts, likeness
+    counts = np.empty(4, dtype=np.int64)
+    likeness = count_agreement(points, weights, step, pose, view.image, counts)
+    confirmed, hidden, free, unseen = counts.tolist()
+    return ViewAgreement(confirmed, hidden, free, unseen, likeness)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,9 @@ from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.resampling import resample
 from depthprint.verification.settings import VerificationSettings, settings_for
-from depthprint.verification.surface_weights import surface_weights
+
+if TYPE_CHECKING:
+    from depthprint._kernels.pixels import SeenImage
 
 __all__ = ["DepthView", "make_depth_view"]
 
@@ -42,24 +45,64 @@ class DepthView:
 
     @cached_property
     def weights(self) -> npt.NDArray[np.float32]:
-        """(m,) float32: what each of ``counted`` says where agreement is judged (`surface_weights`)."""
-        return surface_weights(self.counted, self.ranges_m, self.projection)
+        """(m,) float32, read-only: what each of ``counted`` says where agreement is judged (`surface_weights`)."""
+        from depthprint.verification.view_surface import surface_of
 
-    def camera(self) -> tuple[int, npt.NDArray[np.float64], bool]:
-        """Kind, parameters and wrapping of the projection, as the agreement kernel takes them."""
-        from depthprint._kernels.pixels import LASER_ROW, PINHOLE, SPHERICAL
+        weights = surface_of(self).weights
+        weights.setflags(write=False)
+        return weights
 
-        p = self.projection
-        if isinstance(p, Pinhole):
-            return PINHOLE, np.array([p.fx, p.fy, p.cx, p.cy, 0.0]), False
-        if isinstance(p, LaserRow):
-            middle = p.angle_min_rad + 0.5 * (p.width - 1) * p.angle_step_rad
-            return LASER_ROW, np.array([p.angle_min_rad, p.angle_step_rad, 0.0, 1.0, middle]), False
+    @cached_property
+    def image(self) -> SeenImage:
+        """The view as kernels project points into it."""
+        from depthprint._kernels.pixels import SeenImage
+
+        kind, lens, wraps = _lens_of(self.projection)
+        tolerance, noise = _errors_of(self.settings)
+        ranges_m = read_only(self.ranges_m)
+        return SeenImage(kind, lens, wraps, ranges_m, self.projection.directions(), tolerance, noise)
+
+    @cached_property
+    def counted_by_kernels(self) -> npt.NDArray[np.float32]:
+        """``counted`` in the layout that kernels take."""
+        return read_only(self.counted)
+
+
+def read_only(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """A contiguous float32 array, or a view of one, that is not to be written: what kernels are compiled for."""
+    view = np.ascontiguousarray(array, dtype=np.float32)[...]
+    view.setflags(write=False)
+    return view
+
+
+@lru_cache(maxsize=16)
+def _lens_of(p: Projection) -> tuple[int, npt.NDArray[np.float64], bool]:
+    """Kind, parameters and wrapping of a projection, as kernels take them."""
+    from depthprint._kernels.pixels import LASER_ROW, PINHOLE, SPHERICAL
+
+    kind, wraps = LASER_ROW, False
+    if isinstance(p, Pinhole):
+        kind, values = PINHOLE, (p.fx, p.fy, p.cx, p.cy, 0.0)
+    elif isinstance(p, LaserRow):
+        middle = p.angle_min_rad + 0.5 * (p.width - 1) * p.angle_step_rad
+        values = p.angle_min_rad, p.angle_step_rad, 0.0, 1.0, middle
+    else:
         column = -p.horizontal_fov_rad / p.width
         row = -(p.elevation_max_rad - p.elevation_min_rad) / p.height
         middle = 0.5 * (p.azimuth_min_rad + p.azimuth_max_rad)
-        first = p.azimuth_max_rad + 0.5 * column, p.elevation_max_rad + 0.5 * row
-        return SPHERICAL, np.array([first[0], column, first[1], row, middle]), p.wraps
+        kind, wraps = SPHERICAL, p.wraps
+        values = p.azimuth_max_rad + 0.5 * column, column, p.elevation_max_rad + 0.5 * row, row, middle
+    lens = np.array(values, dtype=np.float64)
+    lens.setflags(write=False)
+    return kind, lens, wraps
+
+
+@lru_cache(maxsize=16)
+def _errors_of(settings: VerificationSettings) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Tolerance and noise (3,) each; the tolerance for both where the noise is not known."""
+    both = np.array([settings.tolerance, settings.noise or settings.tolerance], dtype=np.float64)
+    both.setflags(write=False)
+    return both[0], both[1]
 
 
 def make_depth_view(image: RangeImage, settings: VerificationSettings | None = None) -> DepthView:

@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.projection import LaserRow, Projection
-from depthprint.verification.surface import pixels_of, surface_at
 
 __all__ = ["surface_weights"]
+
+FloatArray = npt.NDArray[np.float64]
 
 # Points are of one surface whose normals share a bin of the compass, and whose planes one of distance.
 _BEARINGS, _PLANE_M = 12, 1.0
@@ -19,17 +20,18 @@ _SMALL_SHARE = 0.005
 
 
 def surface_weights(
-    points: npt.NDArray[np.float32], ranges_m: npt.NDArray[np.float32], projection: Projection
+    points: npt.NDArray[np.float32], there: FloatArray, normals: FloatArray, projection: Projection
 ) -> npt.NDArray[np.float32]:
-    """Weights (n,) float32 of points (n, 3) of a range image (h, w), sensor frame.
+    """Weights (n,) float32 of points (n, 3) of a view, sensor frame, on the surface that its pixels show.
 
+    there, normals: (n, 3) the surface's points and normals at their pixels, 0 where unknown; a planar scan's are not
+    asked, its lines are told from its points in beam order.
     A point counts by its range, since near facades and cars look alike everywhere, and less the larger the
-    surface is that it lies on: a view of one long wall says little of where it is. Points of one row in beam order.
+    surface is that it lies on: a view of one long wall says little of where it is.
     """
     if isinstance(projection, LaserRow):
         size = _row_sizes(points)
     else:
-        there, normals = surface_at(pixels_of(points, ranges_m, projection), ranges_m, projection)
         flat = normals @ projection.R_flu_sensor.T
         upright = np.asarray(normals.any(axis=1) & (np.abs(flat[:, 2]) < 0.7))
         distances_m = np.einsum("nk,nk->n", there, normals)
@@ -50,8 +52,8 @@ def _row_sizes(points: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
 
 
 def _sizes(
-    normals: npt.NDArray[np.float64],
-    distances_m: npt.NDArray[np.float64],
+    normals: FloatArray,
+    distances_m: FloatArray,
     known: npt.ArrayLike,
     bearings: int,
     plane_m: float,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
-from depthprint.rigid_motion import inverse_pose
-from depthprint.verification.agreement import ViewAgreement, coarse_overlaps, thinned, view_agreement
+from depthprint.verification.agreement import best_starts, mutual_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.projective_alignment import ProjectiveAligner
@@ -24,62 +23,24 @@ from depthprint.verification.starts import (
     pose_grid,
     yaw_pose,
 )
+from depthprint.verification.verdict import Verification, judged, refused_start
 
 __all__ = ["GeometricVerifier", "Verification", "judged"]
 
 FloatArray = npt.NDArray[np.float64]
 
 _UNKNOWN_YAW_STEPS = 16
-# Starts whose matrices differ by less than this everywhere lead to the same pose.
-_BESIDE = 0.15
 # No other start is tried once the views agree this much.
 _CERTAIN = 0.7
 # Nor where the best one led to less than this share of the overlap that is needed.
 _HOPELESS = 0.5
 # A pose with less than this share of it is not refined on more points.
 _NEAR = 0.8
+# Nor one that falls so far short of the agreement of a plausible place, which more points raise by a few hundredths;
+# another start may raise it by more. Chosen on a simulated street.
+_MOST_GAIN, _MOST_GAIN_OF_STARTS = 0.1, 0.15
 # Points that tell how near it came; all that are counted judge a match.
 _GLANCED_POINTS = 400
-_NO_START = "none"
-
-
-@dataclass(frozen=True, eq=False)
-class Verification:
-    """Outcome of one check.
-
-    T_match_query: (4, 4) float64, read-only: brings the query's points to the match's sensor frame.
-    inliers: the query's points that have a partner, and rmse_m of their distances. overlap: share of a view
-    that the other confirms, the smaller of both ways. free_space_violations: points of either that lie where the
-    other saw through, and free_space_share of them among those and the confirmed, the larger of both ways.
-    agreement: in [0, 1], mean of both ways of ``ViewAgreement.likeness`` where the noise is known, else
-        overlap * (1 - free_space_share); wrong places of one shape often reach
-        ``reached_elsewhere``.
-    accepted, and the reason for it in words. start: where the pose started from. max_offset_m: the longest allowed.
-    """
-
-    T_match_query: FloatArray
-    inliers: int
-    overlap: float
-    free_space_violations: int
-    free_space_share: float
-    rmse_m: float
-    accepted: bool
-    reason: str
-    start: str
-    agreement: float = 0.0
-    reached_elsewhere: float = 0.0
-    max_offset_m: float = math.inf
-    offset_weight: float = 0.5
-
-    @property
-    def nearness(self) -> float:
-        """Agreement, less for views seen from further apart: what the best of several accepted places has most of."""
-        return self.agreement * (1.0 - self.offset_weight * min(1.0, self.offset_m / self.max_offset_m))
-
-    @property
-    def offset_m(self) -> float:
-        """Distance between the two sensors."""
-        return float(np.linalg.norm(self.T_match_query[:3, 3]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +109,16 @@ class GeometricVerifier:
             if found.accepted and found.overlap > _CERTAIN:
                 return found
         poses = self._grid(query, yaw_rad)
-        overlaps = coarse_overlaps(query, match, poses)
-        order = _spread_best(poses, overlaps, settings.refined_starts)
+        order, overlaps = best_starts(query, match, poses, settings.refined_starts)
         best = int(order[0])
         if overlaps[best] < settings.coarse_overlap and not given:
-            return _refused(poses[best], float(overlaps[best]), "no start brings the views to overlap")
+            return refused_start(poses[best], float(overlaps[best]), "no start brings the views to overlap")
         for start in order:
             glance = self._glance(query, match, poses[start], False)
             given.append(glance)
             if glance.overlap > _CERTAIN or glance.overlap < _HOPELESS * enough:
+                break
+            if all(_falls_short(other, settings, _MOST_GAIN_OF_STARTS) for other in given):
                 break
         return self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
 
@@ -169,8 +131,7 @@ class GeometricVerifier:
     def _glance(self, query: DepthView, match: DepthView, start: FloatArray, given: bool) -> _Glance:
         """Where a start leads by the quick alignment, and what the views say of it."""
         pose = self._aligner(query).refine(query, match, start)
-        there = _seen(query, match, pose, _GLANCED_POINTS)
-        back = _seen(match, query, inverse_pose(pose), _GLANCED_POINTS)
+        there, back = mutual_agreement(query, match, pose, _GLANCED_POINTS)
         agreement = 0.5 * (there.likeness + back.likeness)
         return _Glance(pose, min(there.overlap, back.overlap), agreement, given)
 
@@ -179,12 +140,17 @@ class GeometricVerifier:
         origin = "given pose" if glance.given else "coarse search"
         if isinstance(query.projection, LaserRow):
             return self._judge(query, match, glance.pose, origin, seconded)
-        enough = match.settings.min_overlap_seconded
-        if glance.overlap >= _NEAR * enough:
-            found = self._refined(query, match, glance.pose, origin, seconded, match.settings.whole_clouds)
-        else:
+        settings = match.settings
+        enough = settings.min_overlap_seconded
+        if glance.overlap < _NEAR * enough:
             reason = f"{glance.overlap:.0%} of the views agree, {enough:.0%} are needed"
-            found = _refused(glance.pose, glance.overlap, reason)
+            found = refused_start(glance.pose, glance.overlap, reason)
+        elif not glance.given and _falls_short(glance, settings, _MOST_GAIN):
+            least = settings.min_agreement_seconded
+            reason = f"the views agree to {glance.agreement:.2f} within their noise, {least:.2f} is needed"
+            found = refused_start(glance.pose, glance.overlap, reason)
+        else:
+            found = self._refined(query, match, glance.pose, origin, seconded, settings.whole_clouds)
         if self._kiss and not found.accepted:
             start = kiss_matcher_start(query, match)
             if start is not None:
@@ -230,8 +196,7 @@ class GeometricVerifier:
     def _judge(
         self, query: DepthView, match: DepthView, pose: FloatArray, start: str, seconded: bool
     ) -> Verification:
-        there = _seen(query, match, pose)
-        back = _seen(match, query, inverse_pose(pose))
+        there, back = mutual_agreement(query, match, pose)
         inliers, rmse_m = self._aligner(query).residual(query, match, pose)
         overlap = min(there.overlap, back.overlap)
         free = max(there.free_space_share, back.free_space_share)
@@ -258,40 +223,9 @@ class GeometricVerifier:
         return judged(found, match.settings, seconded=seconded)
 
 
-def judged(found: Verification, settings: VerificationSettings, *, seconded: bool) -> Verification:
-    """The same alignment, accepted or refused by the rule for seconded places or by that for lone ones."""
-    if found.start == _NO_START:
-        return found
-    reason = _refusal(found, settings, seconded)
-    approval = f"{found.overlap:.0%} of the views agree, {found.free_space_share:.0%} are seen through"
-    return replace(found, accepted=not reason, reason=reason or approval)
-
-
-def _refusal(found: Verification, settings: VerificationSettings, seconded: bool) -> str:
-    """Why an alignment is refused; empty when it is not."""
-    enough = settings.min_overlap_seconded if seconded else settings.min_overlap
-    most_free = settings.max_free_space_share_seconded if seconded else settings.max_free_space_share
-    least = settings.min_agreement_seconded if seconded else settings.min_agreement
-    if found.inliers < settings.min_points:
-        return f"{found.inliers} points have a partner, {settings.min_points} are needed"
-    if found.offset_m > settings.max_offset_m:
-        return f"the views would be {found.offset_m:.1f} m apart, more than {settings.max_offset_m:g} m"
-    if found.overlap < enough:
-        return f"{found.overlap:.0%} of the views agree, {enough:.0%} are needed"
-    if found.free_space_share > most_free:
-        return f"{found.free_space_share:.0%} lie where the other view sees through, {most_free:.0%} may"
-    if found.agreement < least:
-        return f"the views agree to {found.agreement:.2f} within their noise, {least:.2f} is needed"
-    return ""
-
-
-def _seen(view: DepthView, by: DepthView, T_by_view: FloatArray, count: int | None = None) -> ViewAgreement:
-    """What one view says of another's points, of all or of so many."""
-    count = len(view.counted) if count is None else count
-    weights = view.weights if by.settings.noise is not None else None
-    return view_agreement(
-        thinned(view.counted, count), by, T_by_view, None if weights is None else thinned(weights, count)
-    )
+def _falls_short(glance: _Glance, settings: VerificationSettings, gain: float) -> bool:
+    """Whether a pose could gain so much in agreement and still be of no plausible place, where the noise is known."""
+    return settings.noise is not None and glance.agreement + gain < settings.min_agreement_seconded
 
 
 def _require_one_kind(query: DepthView, match: DepthView) -> None:
@@ -302,23 +236,5 @@ def _require_one_kind(query: DepthView, match: DepthView) -> None:
         )
 
 
-def _refused(pose: FloatArray, overlap: float, reason: str) -> Verification:
-    pose = np.array(pose, dtype=np.float64)
-    pose.setflags(write=False)
-    return Verification(pose, 0, overlap, 0, 1.0, math.inf, False, reason, _NO_START)
-
-
 def _rank(verification: Verification) -> tuple[bool, float]:
     return verification.accepted, verification.agreement
-
-
-def _spread_best(poses: FloatArray, overlaps: FloatArray, count: int) -> list[int]:
-    """The best starts, no two of which lie beside each other."""
-    chosen: list[int] = []
-    for index in np.argsort(-overlaps, kind="stable")[: 8 * count]:
-        apart = [np.abs(poses[index] - poses[other]).max() for other in chosen]
-        if all(gap > _BESIDE for gap in apart):
-            chosen.append(int(index))
-        if len(chosen) == count:
-            break
-    return chosen
