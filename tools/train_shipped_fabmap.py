@@ -10,13 +10,14 @@ import time
 from collections.abc import Callable, Sequence
 
 import cv2
-from train_shipped_models import MODELS, room_frames, street_frames
+from train_shipped_models import MODELS
 
 from depthprint.baselines.fabmap.depth_picture import DepthPicture
 from depthprint.baselines.fabmap.model import train_fabmap
 from depthprint.baselines.fabmap.model_file import save_fabmap
 from depthprint.baselines.fabmap.settings import FabMapSettings
 from depthprint.range_image import RangeImage
+from depthprint.simulation.training import room_frames, street_frames
 
 
 def _settings(contrast: float) -> FabMapSettings:

@@ -10,7 +10,7 @@ from depthprint.datasets.base import RangeSequence
 from depthprint.errors import SettingsError
 from depthprint.range_image import RangeImage
 
-__all__ = ["object_crops", "training_images"]
+__all__ = ["object_crops", "room_frames", "street_frames", "training_images"]
 
 _OBJECTS_SEED = 31
 _TOWN_SEEDS = (11, 12, 13)
@@ -33,7 +33,7 @@ def object_crops(count: int) -> list[RangeImage]:
     return [objects.read(objects.views[i]) for i in np.sort(chosen)]
 
 
-def _street_frames(sensor: str, count: int) -> list[RangeImage]:
+def street_frames(sensor: str, count: int) -> list[RangeImage]:
     """Frames of all training towns."""
     from depthprint.datasets.simulated_street import simulated_street
 
@@ -41,7 +41,7 @@ def _street_frames(sensor: str, count: int) -> list[RangeImage]:
     return [f for seed in _TOWN_SEEDS for f in _spread(simulated_street(seed=seed, sensor=sensor), share)]
 
 
-def _room_frames(count: int) -> list[RangeImage]:
+def room_frames(count: int) -> list[RangeImage]:
     """Frames of furnished rooms, seen by a hand-held camera."""
     from depthprint.simulation.rooms import simulated_rooms
 
@@ -54,10 +54,10 @@ def _spread(sequence: RangeSequence, count: int) -> list[RangeImage]:
 
 
 _TRAINING: dict[str, Callable[[], list[RangeImage]]] = {
-    "literal": lambda: _street_frames("stereo", 420) + _room_frames(300) + object_crops(300),
+    "literal": lambda: street_frames("stereo", 420) + room_frames(300) + object_crops(300),
     "object": lambda: object_crops(400),
-    "street": lambda: _street_frames("stereo", 300),
-    "handheld": lambda: _room_frames(240),
-    "lidar": lambda: _street_frames("lidar", 240),
-    "laser": lambda: _street_frames("laser", 600),
+    "street": lambda: street_frames("stereo", 300),
+    "handheld": lambda: room_frames(240),
+    "lidar": lambda: street_frames("lidar", 240),
+    "laser": lambda: street_frames("laser", 600),
 }
