@@ -35,7 +35,7 @@ _SCAN_CONTEXT: dict[str, dict[str, Any]] = {
     "street": {**_NARROW, "reach_m": 60.0},
     "lidar": {},
     "laser": {**_NARROW, "reach_m": 60.0, "value": "count"},
-    "handheld": {**_NARROW, "reach_m": 5.0},
+    "handheld": {"sectors": 24, "reach_m": 5.0, "full_circle": False, "max_shift": 3},
 }
 _M2DP: dict[str, dict[str, Any]] = {"laser": {"reach_m": 40.0}}
 _LONG_UNCENTRED = {"frames": 20, "centred": False}
