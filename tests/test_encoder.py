@@ -145,5 +145,6 @@ def test_pixels_for_atoms_leave_patches_as_they_are(preset):
     encoder = Encoder(settings.model_copy(update={"streams": streams})).fit(DEFAULT)
     _, patches, model = encoder.codes(DEFAULT[3])
     assert np.array_equal(model.to_dense(), patches.vectors)
-    pursued = sparse_code(patches.vectors, encoder.streams[0].dictionary, n_nonzero=None)
-    assert np.allclose(pursued.to_dense(), patches.vectors, atol=1e-5)
+    exact = patches.vectors.astype(np.float64)
+    pursued = sparse_code(exact, encoder.streams[0].dictionary, n_nonzero=None)
+    assert np.allclose(pursued.to_dense(), exact, atol=1e-6)
