@@ -67,6 +67,7 @@ def _street() -> EncoderSettings:
                 {"channels": ("height",), **columns},
                 {"channels": ("low-count", "high-count"), **columns},
             ),
+            "polar": PolarSettings(ring_m=3.0),
             "max_shift": 3,
         }
     )
