@@ -233,6 +233,16 @@ def test_a_flipped_bit_is_refused_or_does_no_harm(tmp_path_factory, whole_map, p
         np.testing.assert_array_equal(place.place.T_world_sensor, pose(number))
 
 
+@pytest.mark.parametrize("word", [b"CREATE TABLE map", b"TEXT NOT NULL", b"INTEGER NOT NULL"])
+def test_a_schema_that_is_no_text_any_more_is_refused_by_name(word, tmp_path, whole_map):
+    content = whole_map[0].read_bytes()
+    path = tmp_path / "flipped.db"
+    for position in range(content.index(word) + len(word) - 4, content.index(word) + len(word)):
+        path.write_bytes(content[:position] + bytes([content[position] ^ 0x80]) + content[position + 1 :])
+        with pytest.raises(DataError, match=r"flipped\.db"):
+            PlaceDatabase.open(path)
+
+
 def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 

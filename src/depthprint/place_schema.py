@@ -76,6 +76,9 @@ def sqlite_errors(path: Path) -> Iterator[None]:
         if isinstance(error, sqlite3.ProgrammingError):
             raise SettingsError(f"{path}: expected an open place database ({reason})") from error
         raise DataError(f"{path}: expected a whole place database, got a damaged file ({reason})") from error
+    except UnicodeDecodeError as error:
+        # What SQLite quotes of a damaged schema, in its complaint, need not be text.
+        raise DataError(f"{path}: expected a whole place database, got a damaged file ({error})") from error
 
 
 def create_file(path: Path, facts: Mapping[str, Any], model: bytes) -> None:
