@@ -16,8 +16,6 @@ __all__ = [
 Float32Array = npt.NDArray[np.float32]
 
 _LANES = 8
-# Fewer are multiplied before another thread has begun.
-_ROWS_FOR_TWO_THREADS = 2048
 
 
 def unit_columns(columns: Float32Array) -> Float32Array:
@@ -46,18 +44,7 @@ def products_with_rows(vectors: Float32Array, rows: Float32Array) -> Float32Arra
     # BLAS takes whole lanes, and long rows from the left: seven vectors on that side cost twice as much as eight here.
     lanes = np.zeros((-(-len(vectors) // _LANES) * _LANES, rows.shape[1]), dtype=np.float32)
     lanes[: len(vectors)] = vectors
-    products = np.empty((len(rows), len(lanes)), dtype=np.float32)
-
-    def multiply(start: int, stop: int) -> None:
-        np.matmul(rows[start:stop], lanes.T, out=products[start:stop])
-
-    if len(rows) < _ROWS_FOR_TWO_THREADS:
-        multiply(0, len(rows))
-    else:
-        from depthprint._kernels.threads import in_two
-
-        in_two(multiply, len(rows))
-    return products.T[: len(vectors)]
+    return np.asarray((rows @ lanes.T).T[: len(vectors)])
 
 
 def column_distances(
