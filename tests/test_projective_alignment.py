@@ -131,3 +131,15 @@ def test_views_without_a_common_point_leave_the_pose_alone():
     found = ProjectiveAligner().refine(near, far, np.eye(4))
     np.testing.assert_allclose(found, np.eye(4), atol=1e-6)
     assert ProjectiveAligner().residual(near, far, np.eye(4)) == (0, math.inf)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_a_few_points_on_the_surface_leave_a_true_pose_where_it_is(count):
+    from depthprint._kernels.projective_icp import align_by_projection
+
+    view = seen(block_world(3), STEREO, pose_at(STEREO, 0.0, 0.0, 0.3, 1.6), 1.6, 0.0)
+    points, normals = (array[:count] for array in surface_of(view).fine)
+    for _ in range(50):
+        pose = np.eye(4)
+        align_by_projection(points, normals, view.image, 1.5, 0.75, 12, pose)
+        np.testing.assert_allclose(pose, np.eye(4), atol=1e-5)

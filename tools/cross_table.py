@@ -13,8 +13,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from depthprint.complexity_recognizer import ComplexityRecognizer
 from depthprint.datasets.base import RangeSequence
 from depthprint.datasets.registry import open_sequence
@@ -25,7 +23,7 @@ from depthprint.evaluation.loops import evaluate_loops
 from depthprint.io.atomic import atomic_path
 from depthprint.presets import is_planar, preset_settings
 from depthprint.range_image import RangeImage
-from depthprint.simulation.training import training_images
+from depthprint.simulation.training import spread_frames, training_images
 
 FRAMES = 240
 STREET_STEP = 4
@@ -47,18 +45,13 @@ def open_data(path: Path) -> tuple[str, RangeSequence]:
     return sequence.name.split("/")[-1], sequence
 
 
-def spread(sequence: RangeSequence) -> list[RangeImage]:
-    """Frames taken evenly from a sequence."""
-    return [sequence[int(i)] for i in np.linspace(0, len(sequence) - 1, min(FRAMES, len(sequence)))]
-
-
 def cross_table(data: dict[str, RangeSequence]) -> Cells:
     """Average precision and recall@1 by where a dictionary was scored, then by where it was learned."""
     worlds: dict[str, tuple[str, Callable[[], list[RangeImage]]]] = {}
     for preset, name in SIMULATED.items():
         worlds[name] = preset, lambda preset=preset: training_images(preset)
     for name, sequence in data.items():
-        worlds[name] = sequence.preset, lambda sequence=sequence: spread(sequence)
+        worlds[name] = sequence.preset, lambda sequence=sequence: spread_frames(sequence, FRAMES)
     cells: Cells = {}
     for scored, sequence in data.items():
         settings = preset_settings(sequence.preset)

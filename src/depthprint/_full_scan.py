@@ -80,7 +80,7 @@ class FullScan:
         from depthprint._kernels.decision import decide
 
         # As many are asked for as there are, so that none is given up.
-        nearest = np.full(max(1, len(items)), np.inf)
+        nearest = np.full(len(items), np.inf)
         distances, shifts = np.full(len(items), np.inf), np.zeros(len(items), np.int64)
         pairs = self._pairs_with(items)
         solved, bounded, status = decide(

@@ -34,22 +34,20 @@ def without_root(encoder: Encoder) -> Encoder:
     return Encoder(_with_streams(encoder.settings, root=False), encoder.streams)
 
 
-@lru_cache(maxsize=4)
 def random_patches(encoder: Encoder) -> Encoder:
     """The same settings with training patches drawn at random for atoms, of the images that the preset learned from."""
-    return _relearned(encoder, "random")
+    return _relearned(_with_streams(encoder.settings, dictionary="random"))
+
+
+def without_coding(encoder: Encoder) -> Encoder:
+    """The same settings with pixels for atoms: patches are pooled, and compared, as they are."""
+    return _relearned(_with_streams(encoder.settings, dictionary="pixels"))
 
 
 @lru_cache(maxsize=4)
-def without_coding(encoder: Encoder) -> Encoder:
-    """The same settings with pixels for atoms: patches are pooled, and compared, as they are."""
-    return _relearned(encoder, "pixels")
-
-
-def _relearned(encoder: Encoder, dictionary: str) -> Encoder:
+def _relearned(settings: EncoderSettings) -> Encoder:
     from depthprint.simulation.training import training_images
 
-    settings = _with_streams(encoder.settings, dictionary=dictionary)
     return Encoder(settings).fit(training_images(settings.name))
 
 

@@ -56,9 +56,10 @@ class PlaceMethodContext:
     views: ViewCache | None = None
     learn_from: Sequence[RangeImage] | None = None
 
-    def encoder(self) -> Encoder:
-        """The given model, or the one that ships for the preset."""
-        return self.model if self.model is not None else load_shipped_encoder(self.preset)
+    def encoder(self, ablated: Callable[[Encoder], Encoder] | None = None) -> Encoder:
+        """The given model, or the one that ships for the preset; ``ablated`` takes a part from it."""
+        whole = self.model if self.model is not None else load_shipped_encoder(self.preset)
+        return whole if ablated is None else ablated(whole)
 
     def polar(self) -> tuple[PolarSettings, tuple[str, ...], int]:
         """Bird's-eye grid, channels and largest shift that suit the data."""
@@ -70,16 +71,17 @@ def load_shipped_encoder(preset: str) -> Encoder:
     return Encoder.load(shipped_model_path(preset))
 
 
-def _emd(context: PlaceMethodContext) -> PlaceRecognizer:
-    from depthprint.complexity_recognizer import ComplexityRecognizer
+def _emd_with(
+    *, ablated: Callable[[Encoder], Encoder] | None = None, relaxed: bool = False
+) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
+    """The information distance alone, or its lower bound, over the encoder or an ablated one."""
 
-    return ComplexityRecognizer(context.encoder())
+    def make(context: PlaceMethodContext) -> PlaceRecognizer:
+        from depthprint.complexity_recognizer import ComplexityRecognizer
 
+        return ComplexityRecognizer(context.encoder(ablated), relaxed=relaxed)
 
-def _emd_relaxed(context: PlaceMethodContext) -> PlaceRecognizer:
-    from depthprint.complexity_recognizer import ComplexityRecognizer
-
-    return ComplexityRecognizer(context.encoder(), relaxed=True)
+    return make
 
 
 def _emd_literal(context: PlaceMethodContext) -> PlaceRecognizer:
@@ -160,15 +162,6 @@ def _compression(compressor: str) -> Callable[[PlaceMethodContext], PlaceRecogni
     return make
 
 
-def _emd_of(ablated: Callable[[Encoder], Encoder]) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
-    def make(context: PlaceMethodContext) -> PlaceRecognizer:
-        from depthprint.complexity_recognizer import ComplexityRecognizer
-
-        return ComplexityRecognizer(ablated(context.encoder()))
-
-    return make
-
-
 def _detector_with(
     *, ablated: Callable[[Encoder], Encoder] | None = None, **stages: Any
 ) -> Callable[[PlaceMethodContext], PlaceRecognizer]:
@@ -178,18 +171,17 @@ def _detector_with(
         from depthprint.cascade import make_cascade
         from depthprint.cascade_settings import CascadeSettings
 
-        encoder = context.encoder() if ablated is None else ablated(context.encoder())
-        return make_cascade(encoder, CascadeSettings(**stages), views=context.views)
+        return make_cascade(context.encoder(ablated), CascadeSettings(**stages), views=context.views)
 
     return make
 
 
 PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
-    "emd": _emd,
+    "emd": _emd_with(),
     "emd-literal": _emd_literal,
-    "emd-relaxed": _emd_relaxed,
-    "emd-no-coding": _emd_of(without_coding),
-    "emd-random-patches": _emd_of(random_patches),
+    "emd-relaxed": _emd_with(relaxed=True),
+    "emd-no-coding": _emd_with(ablated=without_coding),
+    "emd-random-patches": _emd_with(ablated=random_patches),
     "fused": _detector_with(verify=False),
     "detector": _detector_with(),
     "detector-no-vectors": _detector_with(vectors=False),

@@ -128,7 +128,7 @@ def _solve(hessian: Float64, gradient: Float64, step: Float64) -> bool:
 
 @njit(cache=True, nogil=True)
 def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> None:
-    """Put exp(step) in front of a pose: step (6,) is a rotation vector and a translation."""
+    """Put exp(step) in front of a pose: step (6,) is a rotation vector and a translation; the rest is room to work."""
     wx, wy, wz = step[0], step[1], step[2]
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
     a = math.sin(angle) / angle if angle > 1e-9 else 1.0
@@ -227,7 +227,7 @@ def align_by_projection(
     twice the image's tolerance.
     """
     hessian, gradient, step = np.empty((6, 6)), np.empty(6), np.empty(6)
-    rotation, moved = np.empty((3, 3)), np.empty((3, 4))
+    rotation, moved_pose = np.empty((3, 3)), np.empty((3, 4))
     total = len(points)
     moved, rows, nowhere = np.empty((3, total)), np.empty((total + 1, 8)), np.zeros(3)
     work = Work(np.empty(total, np.int64), np.empty(total, np.int64), np.empty(total))
@@ -242,7 +242,7 @@ def align_by_projection(
             hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6
         if not _solve(hessian, gradient, step):
             break
-        _move(pose, step, rotation, moved)
+        _move(pose, step, rotation, moved_pose)
         turned = abs(step[0]) + abs(step[1]) + abs(step[2])
         shifted = abs(step[3]) + abs(step[4]) + abs(step[5])
         least = image.tolerance[0]

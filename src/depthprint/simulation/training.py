@@ -10,7 +10,7 @@ from depthprint.datasets.base import RangeSequence
 from depthprint.errors import SettingsError
 from depthprint.range_image import RangeImage
 
-__all__ = ["object_crops", "room_frames", "street_frames", "training_images"]
+__all__ = ["object_crops", "room_frames", "spread_frames", "street_frames", "training_images"]
 
 _OBJECTS_SEED = 31
 _TOWN_SEEDS = (11, 12, 13)
@@ -38,19 +38,21 @@ def street_frames(sensor: str, count: int) -> list[RangeImage]:
     from depthprint.datasets.simulated_street import simulated_street
 
     share = count // len(_TOWN_SEEDS)
-    return [f for seed in _TOWN_SEEDS for f in _spread(simulated_street(seed=seed, sensor=sensor), share)]
+    return [
+        f for seed in _TOWN_SEEDS for f in spread_frames(simulated_street(seed=seed, sensor=sensor), share)
+    ]
 
 
 def room_frames(count: int) -> list[RangeImage]:
     """Frames of furnished rooms, seen by a hand-held camera."""
     from depthprint.simulation.rooms import simulated_rooms
 
-    return _spread(simulated_rooms(n_frames=2 * count, seed=_ROOMS_SEED), count)
+    return spread_frames(simulated_rooms(n_frames=2 * count, seed=_ROOMS_SEED), count)
 
 
-def _spread(sequence: RangeSequence, count: int) -> list[RangeImage]:
-    """Take ``count`` frames evenly from a sequence."""
-    return [sequence[int(i)] for i in np.linspace(0, len(sequence) - 1, count)]
+def spread_frames(sequence: RangeSequence, count: int) -> list[RangeImage]:
+    """Take ``count`` frames evenly from a sequence, all where it has no more."""
+    return [sequence[int(i)] for i in np.linspace(0, len(sequence) - 1, min(count, len(sequence)))]
 
 
 _TRAINING: dict[str, Callable[[], list[RangeImage]]] = {

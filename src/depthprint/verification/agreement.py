@@ -71,7 +71,8 @@ def view_agreement(
         weights = np.ones(len(points), dtype=np.float32)
     if weights.shape != (len(points),):
         raise DataError(f"view_agreement: expected weights ({len(points)},), got {weights.shape}")
-    return _counted(read_only(points), read_only(weights), 1, view, np.ascontiguousarray(pose))
+    points, weights = read_only(points, np.float32), read_only(weights, np.float32)
+    return _counted(points, weights, 1, view, np.ascontiguousarray(pose))
 
 
 def mutual_agreement(
@@ -106,7 +107,7 @@ def coarse_overlaps(
     shares = np.empty(len(T_match_query))
     confirmed_shares(
         query.counted_by_kernels, _FIRST_POINTS, _COARSE_POINTS, max(8, round(_BEST_SHARE * len(shares))),
-        _COARSE_SLACK, _poses(T_match_query), match.image, shares,
+        _COARSE_SLACK, read_only(T_match_query, np.float64), match.image, shares,
     )  # fmt: skip
     return shares
 
@@ -121,7 +122,7 @@ def best_starts(
     from depthprint._kernels.start_search import spread_best
 
     overlaps = coarse_overlaps(query, match, T_match_query)
-    return spread_best(_poses(T_match_query), overlaps, count, _BESIDE), overlaps
+    return spread_best(read_only(T_match_query, np.float64), overlaps, count, _BESIDE), overlaps
 
 
 def _step(total: int, count: int | None) -> int:
@@ -129,17 +130,10 @@ def _step(total: int, count: int | None) -> int:
     return 1 if count is None else max(1, total // count)
 
 
-def _poses(poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Poses in the one kind of array that kernels are compiled for."""
-    view = np.ascontiguousarray(poses, dtype=np.float64)[...]
-    view.setflags(write=False)
-    return view
-
-
 @lru_cache(maxsize=16)
 def _alike(count: int) -> npt.NDArray[np.float32]:
     """Weights of points that all count the same."""
-    return read_only(np.ones(count, dtype=np.float32))
+    return read_only(np.ones(count), np.float32)
 
 
 def _counted(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,9 @@ from depthprint.verification.settings import VerificationSettings, settings_for
 if TYPE_CHECKING:
     from depthprint._kernels.pixels import SeenImage
 
-__all__ = ["DepthView", "make_depth_view"]
+__all__ = ["DepthView", "make_depth_view", "read_only"]
+
+Real = TypeVar("Real", bound=np.floating[Any])
 
 _COUNTED_POINTS = 1200
 
@@ -45,12 +47,13 @@ class DepthView:
 
     @cached_property
     def weights(self) -> npt.NDArray[np.float32]:
-        """(m,) float32, read-only: what each of ``counted`` says where agreement is judged (`surface_weights`)."""
+        """(m,) float32, read-only: what each of ``counted`` says where agreement is judged, as in `surface_weights`."""
+        from depthprint.verification.surface_weights import row_weights
         from depthprint.verification.view_surface import surface_of
 
-        weights = surface_of(self).weights
-        weights.setflags(write=False)
-        return weights
+        if isinstance(self.projection, LaserRow):
+            return read_only(row_weights(self.counted), np.float32)
+        return read_only(surface_of(self).weights, np.float32)
 
     @cached_property
     def image(self) -> SeenImage:
@@ -59,18 +62,18 @@ class DepthView:
 
         kind, lens, wraps = _lens_of(self.projection)
         tolerance, noise = _errors_of(self.settings)
-        ranges_m = read_only(self.ranges_m)
+        ranges_m = read_only(self.ranges_m, np.float32)
         return SeenImage(kind, lens, wraps, ranges_m, self.projection.directions(), tolerance, noise)
 
     @cached_property
     def counted_by_kernels(self) -> npt.NDArray[np.float32]:
         """``counted`` in the layout that kernels take."""
-        return read_only(self.counted)
+        return read_only(self.counted, np.float32)
 
 
-def read_only(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """A contiguous float32 array, or a view of one, that is not to be written: what kernels are compiled for."""
-    view = np.ascontiguousarray(array, dtype=np.float32)[...]
+def read_only(array: npt.NDArray[Any], dtype: type[Real]) -> npt.NDArray[Real]:
+    """A contiguous copy or view of an array that is not to be written: what kernels are compiled for."""
+    view: npt.NDArray[Real] = np.ascontiguousarray(array, dtype=dtype)[...]
     view.setflags(write=False)
     return view
 

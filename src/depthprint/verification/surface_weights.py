@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.projection import LaserRow, Projection
+from depthprint.projection import Projection
 
-__all__ = ["surface_weights"]
+__all__ = ["row_weights", "surface_weights"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -24,31 +24,31 @@ def surface_weights(
 ) -> npt.NDArray[np.float32]:
     """Weights (n,) float32 of points (n, 3) of a view, sensor frame, on the surface that its pixels show.
 
-    there, normals: (n, 3) the surface's points and normals at their pixels, 0 where unknown; a planar scan's are not
-    asked, its lines are told from its points in beam order.
+    there, normals: (n, 3) the surface's points and normals at their pixels, 0 where unknown.
     A point counts by its range, since near facades and cars look alike everywhere, and less the larger the
     surface is that it lies on: a view of one long wall says little of where it is.
     """
-    if isinstance(projection, LaserRow):
-        size = _row_sizes(points)
-    else:
-        flat = normals @ projection.R_flu_sensor.T
-        upright = np.asarray(normals.any(axis=1) & (np.abs(flat[:, 2]) < 0.7))
-        distances_m = np.einsum("nk,nk->n", there, normals)
-        size = _sizes(flat[:, :2], distances_m, upright, _BEARINGS, _PLANE_M)
-    share = np.minimum(1.0, np.sqrt(_SMALL_SHARE * max(1, len(points)) / size))
-    return np.asarray(np.linalg.norm(points, axis=1) * share, dtype=np.float32)
+    flat = normals @ projection.R_flu_sensor.T
+    upright = np.asarray(normals.any(axis=1) & (np.abs(flat[:, 2]) < 0.7))
+    distances_m = np.einsum("nk,nk->n", there, normals)
+    return _by_range(points, _sizes(flat[:, :2], distances_m, upright, _BEARINGS, _PLANE_M))
 
 
-def _row_sizes(points: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-    """How many points of a planar scan lie on the line of each (n,)."""
+def row_weights(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """As `surface_weights`, of points (n, 3) of a planar scan in beam order, whose surfaces are lines."""
     from depthprint._kernels.scan_icp import line_normals
 
     scan = np.ascontiguousarray(points[:, :2], dtype=np.float64)
     normals = np.empty_like(scan)
     line_normals(scan, _ROW_GAP_M, normals)
     distances_m = np.einsum("nk,nk->n", scan, normals)
-    return _sizes(normals, distances_m, normals.any(axis=1), _ROW_BEARINGS, _ROW_PLANE_M)
+    return _by_range(points, _sizes(normals, distances_m, normals.any(axis=1), _ROW_BEARINGS, _ROW_PLANE_M))
+
+
+def _by_range(points: npt.NDArray[np.float32], size: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """Weights (n,) of points by their range and the sizes (n,) of the surfaces that they lie on."""
+    share = np.minimum(1.0, np.sqrt(_SMALL_SHARE * max(1, len(points)) / size))
+    return np.asarray(np.linalg.norm(points, axis=1) * share, dtype=np.float32)
 
 
 def _sizes(
