@@ -58,6 +58,7 @@ def make_cascade(
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,
         track=settings.track,
+        heading=settings.heading,
         further=further,
         verifier=verifier,
         views=views,

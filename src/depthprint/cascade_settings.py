@@ -31,6 +31,7 @@ class CascadeSettings:
     consistency: without ``track``, places next to the previous frames' matches are checked too, and need less overlap.
     track: the motion between frames is followed by depth: places that it says are in view are checked first, and
         matches that earlier frames lead to expect need less agreement and count for more.
+    heading: with ``track``, the heading is carried along too, and matches against it count for less.
     Raises SettingsError for values out of range, or without any distance.
     """
 
@@ -42,6 +43,7 @@ class CascadeSettings:
     climb: bool = True
     consistency: bool = True
     track: bool = True
+    heading: bool = True
     proposed: int = 40
     ranked: int = 8
     vector_weight: float = 0.5

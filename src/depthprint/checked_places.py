@@ -51,7 +51,7 @@ class CheckedPlaces:
         accepted = [place for place, found in self.found.items() if found.accepted]
         if not accepted:
             return None
-        nearness = {place: self.found[place].nearness for place in accepted}
+        nearness = {place: self._nearness(place) for place in accepted}
         # Earlier frames tell one road from another; which of its views is nearest this view alone tells.
         strongest = max(accepted, key=lambda place: (self._joined(place, nearness[place]), -place))
         beside = [place for place in accepted if abs(place - strongest) <= _ONE_PLACE]
@@ -61,7 +61,7 @@ class CheckedPlaces:
     def certain(self) -> bool:
         """Whether nothing better need be looked for."""
         best = self.best
-        return best is not None and self.found[best].nearness > _CERTAIN
+        return best is not None and self._nearness(best) > _CERTAIN
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Plausible places, the best first."""
@@ -105,7 +105,10 @@ class CheckedPlaces:
         return 0.5 * (strength + earlier.along_way(self._alone(place))) if earlier.frames else strength
 
     def _alone(self, place: int) -> float:
-        return evidence_of(self.found[place], self._inner(place))
+        return self._earlier[place].heading * evidence_of(self.found[place], self._inner(place))
+
+    def _nearness(self, place: int) -> float:
+        return self._earlier[place].heading * self.found[place].nearness
 
     def _joined(self, place: int, own: float) -> float:
         """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""

@@ -192,6 +192,7 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "detector-no-turned": _detector_with(turned=0),
     "detector-no-climb": _detector_with(climb=False),
     "detector-no-track": _detector_with(track=False),
+    "detector-no-heading": _detector_with(heading=False),
     "detector-no-history": _detector_with(track=False, consistency=False),
     "detector-no-coding": _detector_with(ablated=without_coding),
     "detector-random-patches": _detector_with(ablated=random_patches),

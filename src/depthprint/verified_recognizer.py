@@ -27,6 +27,9 @@ __all__ = ["VerifiedDescription", "VerifiedRecognizer"]
 _STEPS = (0, 1, -1)
 _PLACES_TRACKED = 3
 _MOST_TURN_RAD = math.radians(45)
+_FULL_CIRCLE_RAD = 2 * math.pi - 1e-3
+# A heading allows a place whose match would keep so much of its evidence.
+_ALLOWED_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,7 @@ class VerifiedRecognizer:
     climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named.
     track: follow the motion from frame to frame by depth alone. Places that it says are in view are checked first; a
     place where it leads from those of earlier frames needs less agreement, and has their evidence too.
+    heading: with ``track``, matches against the heading carried along count for less, and are checked last.
     consistency: without ``track``, places next to those of the last ``consistency`` frames that were queried and then
     added are checked first, from their pose, and need less overlap. 0 turns it off.
     further: gives more proposals of an inner description, their shift a share of the view's width, below a limit;
@@ -68,6 +72,7 @@ class VerifiedRecognizer:
         climb: bool = True,
         consistency: int = 0,
         track: bool = False,
+        heading: bool = True,
         further: Callable[..., list[PlaceMatch]] | None = None,
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
@@ -86,14 +91,14 @@ class VerifiedRecognizer:
         self._views: list[DepthView] = []
         self._links: dict[int, Hypothesis] = {}
         self._last: tuple[VerifiedDescription, tuple[Hypothesis, ...]] | None = None
-        self._track, self._further = track, further
-        self._evidence = TemporalEvidence(self._verifier) if track else None
+        self._track, self._heading, self._further = track, heading, further
+        self._evidence = self._no_evidence()
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
         """Let the inner method learn, and forget all places."""
         self.inner.fit(images)
         self._views, self._links, self._last = [], {}, None
-        self._evidence = TemporalEvidence(self._verifier) if self._track else None
+        self._evidence = self._no_evidence()
         return self
 
     def describe(self, image: RangeImage) -> VerifiedDescription:
@@ -128,7 +133,7 @@ class VerifiedRecognizer:
             if checks.certain:
                 break
             self._check(checks, description, place, 0.0, (pose,), True)
-        for match in spread_in_time(pool, self._k, self._spread):
+        for match in spread_in_time(self._headed(pool, description.view), self._k, self._spread):
             if checks.certain:
                 break
             if match.place not in checks.found:
@@ -163,6 +168,9 @@ class VerifiedRecognizer:
         """The description that ``pack`` took apart."""
         return VerifiedDescription(self._storable().unpack(arrays), unpack_view(arrays))
 
+    def _no_evidence(self) -> TemporalEvidence | None:
+        return TemporalEvidence(self._verifier, heading=self._heading) if self._track else None
+
     def _storable(self) -> StorableRecognizer:
         if not isinstance(self.inner, StorableRecognizer):
             raise SettingsError(f"the places of a {type(self.inner).__name__} cannot be kept in a database")
@@ -189,9 +197,16 @@ class VerifiedRecognizer:
         found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
         checks.add(place, found, earlier, plausible.accepted)
 
+    def _headed(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
+        """Proposals that the heading allows first; a full circle is seen alike under all headings."""
+        if self._evidence is None or view.projection.horizontal_fov_rad > _FULL_CIRCLE_RAD:
+            return pool
+        share = self._evidence.heading_share
+        return sorted(pool, key=lambda m: share(view, m.place, slack_rad=_MOST_TURN_RAD) < _ALLOWED_SHARE)
+
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""
-        if view.projection.horizontal_fov_rad < 2 * math.pi - 1e-3:
+        if view.projection.horizontal_fov_rad <= _FULL_CIRCLE_RAD:
             return 0.0
         if self._columns is None or match.shift is None:
             return None

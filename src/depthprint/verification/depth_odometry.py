@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.rigid_motion import inverse_pose
 from depthprint.verification.depth_view import DepthView
+from depthprint.verification.turns import Turn, likeliest, turn_between
 from depthprint.verification.verifier import GeometricVerifier, Verification
 
 __all__ = ["DepthOdometry"]
 
 FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """From the last view to a view that follows: T_last_view, None where the two do not agree, and the turn even so."""
+
+    view: DepthView
+    pose: FloatArray | None
+    turn: Turn
 
 
 class DepthOdometry:
@@ -27,7 +38,7 @@ class DepthOdometry:
         self._verifier = verifier
         self._last: DepthView | None = None
         self._motion = np.eye(4)
-        self._step: tuple[DepthView, FloatArray | None] | None = None
+        self._step: _Step | None = None
         self._poses: list[FloatArray] = []
         self._inverses: list[FloatArray] = []
         self._chains: list[int] = []
@@ -38,7 +49,7 @@ class DepthOdometry:
 
     def add(self, view: DepthView) -> None:
         """Append a view; its number is the count of those before."""
-        step = self._step_to(view)
+        step = self._pose_from_last(view)
         if step is None or not self._poses:
             self._poses.append(np.eye(4))
             self._chains.append(self._chains[-1] + 1 if self._chains else 0)
@@ -55,8 +66,13 @@ class DepthOdometry:
         """T_first_view (4, 4) of a view that follows the last one added; None where the chain from ``first`` broke."""
         if not self._chains or self._chains[first] != self._chains[-1]:
             return None
-        step = self._step_to(view)
+        step = self._pose_from_last(view)
         return None if step is None else self._inverses[first] @ self._poses[-1] @ step
+
+    def turn_to(self, view: DepthView) -> Turn:
+        """Turn from the last view added to one that follows: a guess where the two do not agree."""
+        step = self._step_to(view)
+        return Turn(0.0, 0.0) if step is None else step.turn
 
     def places_near(
         self, second: int, T_second_view: FloatArray, below: int, reach_m: float
@@ -82,18 +98,25 @@ class DepthOdometry:
             return None
         return np.asarray(self._inverses[first] @ self._poses[second])
 
-    def _step_to(self, view: DepthView) -> FloatArray | None:
-        """T_last_view, or None where the two do not agree."""
+    def _pose_from_last(self, view: DepthView) -> FloatArray | None:
+        step = self._step_to(view)
+        return None if step is None else step.pose
+
+    def _step_to(self, view: DepthView) -> _Step | None:
+        """The step from the last view, or None where there is none."""
         if self._last is None:
             return None
-        if self._step is None or self._step[0] is not view:
-            found = self._verifier.refine(view, self._last, self._motion)
+        if self._step is None or self._step.view is not view:
+            tried = [self._verifier.refine(view, self._last, self._motion)]
             for yaw_rad in view.settings.motion_yaw_rad:
-                if found.accepted:
+                if tried[-1].accepted:
                     break
-                found = self._verifier.verify(view, self._last, yaw_rad=yaw_rad, starts=(self._motion,))
-            self._step = view, found.T_match_query if _trusted(found, view) else None
-        return self._step[1]
+                tried.append(self._verifier.verify(view, self._last, yaw_rad=yaw_rad, starts=(self._motion,)))
+            found = likeliest(tried, view.projection)
+            trusted = _trusted(found, view)
+            turn = turn_between(self._last, view, found, trusted)
+            self._step = _Step(view, found.T_match_query if trusted else None, turn)
+        return self._step
 
 
 def _trusted(found: Verification, view: DepthView) -> bool:

@@ -55,6 +55,7 @@ class VerificationSettings:
         to the next about which the coarse search is made, one after the other until a match passes.
     witness_m: motion after which a view is a witness of its own. agreeing_m, agreeing_rad: how far a match may lie from
         where the matches before it and the motion since say, for each such motion.
+    upright: whether the sensor turns about its own up alone, so that a heading can be carried along.
     way_m: how far back the frames are asked whose mean evidence a match's evidence is averaged with; 0: none.
     Raises SettingsError for values out of range.
     """
@@ -87,6 +88,7 @@ class VerificationSettings:
     min_overlap_motion: float = 2.0
     motion_yaw_rad: tuple[float, ...] = (0.0,)
     witness_m: float = 3.5
+    upright: bool = True
     way_m: float = 0.0
     agreeing_m: float = 0.6
     agreeing_rad: float = math.radians(3.0)
@@ -160,6 +162,7 @@ _HAND_HELD = VerificationSettings(
     agreeing_m=0.15,
     agreeing_rad=math.radians(6.0),
     whole_clouds=True,
+    upright=False,
 )
 _ROW = replace(
     _SPINNING,

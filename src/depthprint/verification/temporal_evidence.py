@@ -12,7 +12,9 @@ from depthprint.rigid_motion import inverse_pose, rotation_angle
 from depthprint.verification.agreement import coarse_overlaps
 from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView
+from depthprint.verification.heading import HeadingTrack
 from depthprint.verification.settings import VerificationSettings
+from depthprint.verification.turns import turn_of
 from depthprint.verification.verifier import GeometricVerifier
 
 __all__ = ["EarlierFrames", "Hypothesis", "TemporalEvidence"]
@@ -23,6 +25,8 @@ FloatArray = npt.NDArray[np.float64]
 _REMEMBERED, _FOLLOWED = 16, 10
 # Share of its evidence that a hypothesis keeps over one witness distance.
 _KEPT = 0.7
+# Evidence over which a match holds the heading.
+_HOLDING_STRENGTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +51,14 @@ class EarlierFrames:
     """What earlier frames say of a frame being at a pose in a place.
 
     support: evidence in [0, 1) of the hypotheses that lead there. frames: those of the way driven last that were asked,
-    whether or not they lead there, and evidence: sum of what those that do said alone.
+    whether or not they lead there, and evidence: sum of what those that do said alone. heading: share in (0, 1] of its
+    own evidence that the frame keeps, by the heading carried along.
     """
 
     support: float = 0.0
     evidence: float = 0.0
     frames: int = 0
+    heading: float = 1.0
 
     def along_way(self, alone: float) -> float:
         """Mean evidence of the way's frames and of the last, which says ``alone``."""
@@ -60,18 +66,24 @@ class EarlierFrames:
 
 
 class TemporalEvidence:
-    """Hypotheses of the last frames, carried along by depth odometry to the next frame.
+    """Hypotheses of the last frames, and the heading, carried along by depth odometry to the next frame.
 
-    Frames are numbered as they are added; places are frames too.
+    Frames are numbered as they are added; places are frames too. Without ``heading`` no match is doubted for its own.
     """
 
-    def __init__(self, verifier: GeometricVerifier) -> None:
+    def __init__(self, verifier: GeometricVerifier, *, heading: bool = True) -> None:
         self._odometry = DepthOdometry(verifier)
+        self._headings = HeadingTrack() if heading else None
         self._hypotheses: dict[int, tuple[Hypothesis, ...]] = {}
 
     def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] | None = None) -> None:
         """Append a frame and where it may have been, best first; None where that was not asked."""
         number = len(self._odometry)
+        if self._headings is not None:
+            self._headings.add(self._odometry.turn_to(view))
+            best = hypotheses[0] if hypotheses else None
+            if best is not None and best.accepted and best.strength > _HOLDING_STRENGTH:
+                self._headings.hold(best.place, turn_of(best.T_match_query, view.projection))
         self._odometry.add(view)
         if hypotheses is not None:
             self._hypotheses[number] = tuple(hypotheses)
@@ -112,6 +124,18 @@ class TemporalEvidence:
                 chosen.append(place)
         return {place: pose_of[place] for place in chosen}
 
+    def heading_share(
+        self, view: DepthView, place: int, turn_rad: float = 0.0, slack_rad: float = 0.0
+    ) -> float:
+        """Share in (0, 1] of its evidence that a match of a frame not added yet keeps, by the headings of both.
+
+        turn_rad: of the match, to the left. slack_rad: that much off is not off. 1 for a sensor held in the hand, which
+        turns about any axis.
+        """
+        if self._headings is None or not view.settings.upright:
+            return 1.0
+        return self._headings.share(place, turn_rad, self._odometry.turn_to(view), slack_rad)
+
     def relative_pose(self, first: int, second: int) -> FloatArray | None:
         """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
         return self._odometry.relative_pose(first, second)
@@ -147,7 +171,8 @@ class TemporalEvidence:
                     said = max(said, hypothesis.alone)
             if driven_m < settings.way_m:
                 evidence, frames = evidence + said, frames + 1
-        return EarlierFrames(support, evidence, frames)
+        heading = self.heading_share(view, place, turn_of(T_match_query, view.projection))
+        return EarlierFrames(support, evidence, frames, heading)
 
 
 def _agree(first: FloatArray, second: FloatArray, slack: float, settings: VerificationSettings) -> bool:
