@@ -89,17 +89,16 @@ def room(yaw_rad: float, *, round_wall: bool = False) -> RangeImage:
 
 
 @pytest.mark.parametrize("degrees", [-33.0, 4.0, 20.0])
-def test_walls_settle_a_turn_that_is_roughly_known(degrees):
+def test_walls_tell_the_turn_of_a_scan(degrees):
     first, second = make_depth_view(room(0.3)), make_depth_view(room(0.3 + math.radians(degrees)))
-    found = turn_by_walls(first, second, math.radians(degrees + 12))
+    found = turn_by_walls(first, second)
     assert found is not None
     assert math.degrees(found) == pytest.approx(degrees, abs=2.0)
 
 
-def test_walls_say_nothing_of_a_round_room_or_far_from_the_guess():
+def test_walls_of_another_shape_tell_nothing():
     square, round_one = make_depth_view(room(0.0)), make_depth_view(room(0.0, round_wall=True))
-    assert turn_by_walls(square, round_one, 0.0) is None
-    assert turn_by_walls(square, square, math.radians(40)) is None
+    assert turn_by_walls(square, round_one) is None
 
 
 def test_a_step_that_does_not_agree_still_has_a_turn_of_large_variance():

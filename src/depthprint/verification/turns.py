@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +16,18 @@ from depthprint.verification.verdict import Verification
 __all__ = ["Turn", "likeliest", "turn_between", "turn_by_walls", "turn_of"]
 
 # Deviations of a turn by an alignment that is trusted, by walls, by one that is not, and by nothing.
-_TRUSTED_RAD, _BY_WALLS_RAD, _DOUBTED_RAD, _UNKNOWN_RAD = np.radians([1.0, 4.0, 8.0, 25.0]).tolist()
+_TRUSTED_RAD, _BY_WALLS_RAD, _DOUBTED_RAD, _UNKNOWN_RAD = np.radians([0.7, 3.0, 8.0, 25.0]).tolist()
 # Overlap and agreement under which an alignment says nothing, nor a turn beyond the most of one step.
 _LEAST_TOLD, _MOST_TURN_RAD = 0.3, math.radians(75.0)
 # Of two alignments that say alike the smaller turn is likelier.
 _DOUBT_A_RADIAN = 0.3
-# Two walls stand at right angles where the mean of their fourfold directions is as long as this.
-_SQUARE = 0.35
-_WALL_GAP_M = 0.5
+# Histograms of walls: one bin a degree, smoothed over three; neighbours further apart are of no one wall.
+_BEARINGS, _WALL_GAP_M = 360, 0.5
+_SHIFTS_RAD = np.radians((np.arange(_BEARINGS) + 180) % 360 - 180)
+_SMOOTHING = np.exp(-0.5 * (3.0 * math.tau / _BEARINGS * np.arange(_BEARINGS // 2 + 1)) ** 2)
+# Least cosine of two that are alike, the most that a step turns, and how much a turn must gain.
+_LEAST_ALIKE, _MOST_BY_WALLS_RAD = 0.7, math.radians(60.0)
+_DOUBTED_SHIFTS = 0.12 * np.abs(_SHIFTS_RAD)
 
 
 @dataclass(frozen=True)
@@ -54,42 +57,49 @@ def likeliest(tried: Sequence[Verification], projection: Projection) -> Verifica
 def turn_between(first: DepthView, second: DepthView, found: Verification, trusted: bool) -> Turn:
     """How far the second view is turned from the first, by the likeliest alignment, whether or not it is ``trusted``.
 
-    Where it is not, planar scans are turned by their walls, to within what it says.
+    Where it is not, planar scans are turned by their walls.
     """
     turn_rad = turn_of(found.T_match_query, second.projection)
     says = _told(found) > _LEAST_TOLD and abs(turn_rad) < _MOST_TURN_RAD
     if says and trusted and found.agreement > 0:
         return Turn(turn_rad, _TRUSTED_RAD**2)
-    if not says:
-        turn_rad = 0.0
-    if isinstance(second.projection, LaserRow):
-        by_walls = turn_by_walls(first, second, turn_rad)
-        if by_walls is not None:
-            return Turn(by_walls, _BY_WALLS_RAD**2)
-    return Turn(turn_rad, (_DOUBTED_RAD if says else _UNKNOWN_RAD) ** 2)
+    by_walls = turn_by_walls(first, second) if isinstance(second.projection, LaserRow) else None
+    if by_walls is not None:
+        return Turn(by_walls, _BY_WALLS_RAD**2)
+    return Turn(turn_rad, _DOUBTED_RAD**2) if says else Turn(0.0, _UNKNOWN_RAD**2)
 
 
-def turn_by_walls(first: DepthView, second: DepthView, guess_rad: float) -> float | None:
-    """The turn nearest to a guess that brings the walls of two planar scans in line.
+def turn_by_walls(first: DepthView, second: DepthView) -> float | None:
+    """The turn in radians that brings the walls of two planar scans in line, wherever these were taken from.
 
-    Walls of most buildings meet at right angles: the mean of exp(4 i a) over their directions a tells theirs, up to
-    quarter turns. None where that mean is short, or points more than 25 degrees away from the guess.
+    It is the shift at which the histograms of the walls' bearings, each point counted by its range, correlate best;
+    of shifts that do alike the smaller one. None where no turn of a step makes them alike.
+    Source: the rotation search of Censi, Iocchi and Grisetti, Scan matching in the Hough domain, ICRA 2005.
     """
-    walls = [_fourfold(view) for view in (first, second)]
-    if min(abs(mean) for mean in walls) < _SQUARE:
-        return None
-    off = math.remainder((cmath.phase(walls[0]) - cmath.phase(walls[1])) / 4 - guess_rad, math.pi / 2)
-    return guess_rad + off if abs(off) < _UNKNOWN_RAD else None
+    cosines = np.fft.irfft(np.conj(_wall_bearings(second)) * _wall_bearings(first), n=_BEARINGS)
+    best = int(
+        np.argmax(np.where(np.abs(_SHIFTS_RAD) <= _MOST_BY_WALLS_RAD, cosines - _DOUBTED_SHIFTS, -1.0))
+    )
+    return float(_SHIFTS_RAD[best]) if cosines[best] >= _LEAST_ALIKE else None
 
 
 def _told(found: Verification) -> float:
     return found.overlap + found.agreement
 
 
-def _fourfold(view: DepthView) -> complex:
+def _wall_bearings(view: DepthView) -> npt.NDArray[np.complex128]:
+    """Transform of the smoothed unit histogram of the bearings that the walls of a planar scan face."""
     from depthprint._kernels.scan_icp import line_normals
 
     scan = np.ascontiguousarray(view.counted[:, :2], dtype=np.float64)
     normals = np.empty_like(scan)
     line_normals(scan, _WALL_GAP_M, normals)
-    return complex(np.mean((normals[:, 0] + 1j * normals[:, 1]) ** 4)) if len(scan) else 0j
+    known = normals.any(axis=1)
+    turns = np.arctan2(normals[known, 1], normals[known, 0]) / math.tau
+    counts = np.bincount(
+        np.floor(turns * _BEARINGS).astype(np.int64) % _BEARINGS,
+        weights=np.linalg.norm(scan[known], axis=1),
+        minlength=_BEARINGS,
+    )
+    histogram = np.sqrt(np.maximum(np.fft.irfft(np.fft.rfft(counts) * _SMOOTHING, n=_BEARINGS), 0.0))
+    return np.asarray(np.fft.rfft(histogram / max(float(np.linalg.norm(histogram)), 1e-12)))
