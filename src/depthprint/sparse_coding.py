@@ -70,6 +70,17 @@ class SparseModel:
         part = slice(self.indptr[index], self.indptr[index + 1])
         return self.indices[part], self.coefficients[part]
 
+    def rows(self, start: int, stop: int) -> SparseModel:
+        """The models of the signals from ``start`` to before ``stop``."""
+        entries = slice(self.indptr[start], self.indptr[stop])
+        return SparseModel(
+            self.indptr[start : stop + 1] - self.indptr[start],
+            self.indices[entries],
+            self.coefficients[entries],
+            self.residual_norms[start:stop],
+            self.n_atoms,
+        )
+
     def to_dense(self) -> npt.NDArray[Any]:
         """Coefficients as an (n, n_atoms) array, zero where an atom was not picked."""
         dense = np.zeros((len(self), self.n_atoms), dtype=self.coefficients.dtype)
