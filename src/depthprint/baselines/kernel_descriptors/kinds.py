@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from depthprint.baselines.kernel_descriptors.gradient import gradient_descriptors
-from depthprint.baselines.kernel_descriptors.lbp import lbp_descriptors
+from depthprint.baselines.kernel_descriptors.gradient import gradient_descriptors, gradient_pair
+from depthprint.baselines.kernel_descriptors.lbp import lbp_descriptors, lbp_pair
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
 from depthprint.baselines.kernel_descriptors.size import size_descriptors
 from depthprint.baselines.kernel_descriptors.spin import spin_descriptors
@@ -16,26 +16,40 @@ from depthprint.range_image import RangeImage
 __all__ = ["KINDS", "DescriptorKind", "describe_crops", "descriptor_kind"]
 
 Progress = Callable[[int, int], None]
+Pair = tuple[PatchDescriptors, PatchDescriptors]
 
 
 @dataclass(frozen=True)
 class DescriptorKind:
     """One descriptor.
 
-    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. mirror_free: made of
-    distances and angles alone, which a mirror leaves as they are.
+    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. describe_pair:
+    (image, masked) -> those of the image and of its mirror image; None where descriptors are made of distances and
+    angles alone, which a mirror leaves as they are.
     """
 
     describe: Callable[[RangeImage, bool], PatchDescriptors]
     match_gamma: float
-    mirror_free: bool
+    describe_pair: Callable[[RangeImage, bool], Pair] | None = None
+
+    @property
+    def mirror_free(self) -> bool:
+        """Whether the descriptors of a mirror image are those of the image."""
+        return self.describe_pair is None
+
+    def pair(self, image: RangeImage, masked: bool) -> Pair:
+        """Descriptors of the image and of its mirror image."""
+        if self.describe_pair is not None:
+            return self.describe_pair(image, masked)
+        described = self.describe(image, masked)
+        return described, described.mirrored()
 
 
 KINDS = {
-    "gradient": DescriptorKind(gradient_descriptors, 0.001, mirror_free=False),
-    "lbp": DescriptorKind(lbp_descriptors, 0.1, mirror_free=False),
-    "spin": DescriptorKind(spin_descriptors, 0.1, mirror_free=True),
-    "size": DescriptorKind(size_descriptors, 1.0, mirror_free=True),
+    "gradient": DescriptorKind(gradient_descriptors, 0.001, gradient_pair),
+    "lbp": DescriptorKind(lbp_descriptors, 0.1, lbp_pair),
+    "spin": DescriptorKind(spin_descriptors, 0.1),
+    "size": DescriptorKind(size_descriptors, 1.0),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -163,6 +164,16 @@ class MatchKernel:
         for array in (attribute, spatial, *derived):
             array.setflags(write=False)
         return cls(attribute, spatial, attribute_gamma, spatial_gamma, *derived)
+
+    @cached_property
+    def _core_by_place(self) -> Float32Array:
+        """The core (q p, k), places first."""
+        return np.ascontiguousarray(self.core.transpose(1, 0, 2)).reshape(-1, self.core.shape[2])
+
+    def project_places(self, sums: Float32Array) -> Float32Array:
+        """Descriptors (n, k) of sums (n, s, p): of the attribute's span, against every point of the spatial basis."""
+        spanned = self.spatial_span.T @ sums
+        return np.asarray(spanned.reshape(len(sums), len(self._core_by_place)) @ self._core_by_place)
 
     def project(self, sums: Float32Array) -> Float32Array:
         """Descriptors (n, k) of sums (n, p, q) float32 of kernel evaluations, each in its basis' span."""
