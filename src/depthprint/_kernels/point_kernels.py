@@ -24,13 +24,13 @@ def spin_coordinates(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]:
     """Cosine to the centre's normal, distance along it and across it, of points within ``radius`` of the centre.
 
-    The pixels of a patch are visited in ``order`` and the first ``most`` points taken: (patches, most, 3), counts.
-    Points and centres without a normal are passed over.
+    The pixels of a patch are visited in ``order`` and the first ``most`` points taken: those of all patches one after
+    another (n, 3), and how many each has. Points and centres without a normal are passed over.
     """
-    coordinates = np.zeros((len(rows) * len(columns), most, 3), dtype=np.float32)
+    coordinates = np.empty((len(rows) * len(columns) * most, 3), dtype=np.float32)
     counts = np.zeros(len(rows) * len(columns), dtype=np.int64)
     half = patch // 2
-    number = -1
+    number, used = -1, 0
     for top in rows:
         for left in columns:
             number += 1
@@ -51,14 +51,15 @@ def spin_coordinates(
                     continue
                 along = axis[0] * dx + axis[1] * dy + axis[2] * dz
                 cosine = axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2]
-                coordinates[number, n, 0] = min(1.0, max(-1.0, cosine))
-                coordinates[number, n, 1] = along
-                coordinates[number, n, 2] = np.sqrt(max(squared - along * along, 0.0))
+                coordinates[used + n, 0] = min(1.0, max(-1.0, cosine))
+                coordinates[used + n, 1] = along
+                coordinates[used + n, 2] = np.sqrt(max(squared - along * along, 0.0))
                 n += 1
                 if n == most:
                     break
             counts[number] = n
-    return coordinates, counts
+            used += n
+    return coordinates[:used], counts
 
 
 @njit(cache=True, nogil=True)

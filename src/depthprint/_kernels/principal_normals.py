@@ -24,44 +24,78 @@ def principal_normals(points: FloatArray, reach: int, depth_ratio: float, least:
     """
     height, width, _ = points.shape
     normals = np.zeros((height, width, 3))
-    a, v = np.empty((3, 3)), np.empty((3, 3))
+    axes = np.zeros((3, height, width + 2 * reach))
     for r in range(height):
         for c in range(width):
-            z = points[r, c, 2]
-            if z <= 0.0:
+            for axis in range(3):
+                axes[axis, r, c + reach] = points[r, c, axis]
+    sums = np.empty((10, width))
+    a, v = np.empty((3, 3)), np.empty((3, 3))
+    for r in range(height):
+        first = last = -1
+        for c in range(width):
+            if points[r, c, 2] > 0.0:
+                first = c if first < 0 else first
+                last = c
+        if first < 0:
+            continue
+        sums[:] = 0.0
+        for i in range(max(0, r - reach), min(height, r + reach + 1)):
+            for shift in range(2 * reach + 1):
+                _add_neighbours(axes, r, i, reach, shift, first, last + 1, depth_ratio, sums)
+        for c in range(first, last + 1):
+            n = sums[0, c]
+            if points[r, c, 2] <= 0.0 or n < least:
                 continue
-            n = 0
-            sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = 0.0
-            for i in range(max(0, r - reach), min(height, r + reach + 1)):
-                for j in range(max(0, c - reach), min(width, c + reach + 1)):
-                    dz = points[i, j, 2] - z
-                    if points[i, j, 2] > 0.0 and abs(dz) < depth_ratio * z:
-                        dx = points[i, j, 0] - points[r, c, 0]
-                        dy = points[i, j, 1] - points[r, c, 1]
-                        n += 1
-                        sx += dx
-                        sy += dy
-                        sz += dz
-                        sxx += dx * dx
-                        sxy += dx * dy
-                        sxz += dx * dz
-                        syy += dy * dy
-                        syz += dy * dz
-                        szz += dz * dz
-            if n < least:
-                continue
-            a[0, 0] = sxx / n - sx * sx / (n * n)
-            a[1, 1] = syy / n - sy * sy / (n * n)
-            a[2, 2] = szz / n - sz * sz / (n * n)
-            a[0, 1] = a[1, 0] = sxy / n - sx * sy / (n * n)
-            a[0, 2] = a[2, 0] = sxz / n - sx * sz / (n * n)
-            a[1, 2] = a[2, 1] = syz / n - sy * sz / (n * n)
+            sx, sy, sz = sums[1, c], sums[2, c], sums[3, c]
+            a[0, 0] = sums[4, c] / n - sx * sx / (n * n)
+            a[1, 1] = sums[7, c] / n - sy * sy / (n * n)
+            a[2, 2] = sums[9, c] / n - sz * sz / (n * n)
+            a[0, 1] = a[1, 0] = sums[5, c] / n - sx * sy / (n * n)
+            a[0, 2] = a[2, 0] = sums[6, c] / n - sx * sz / (n * n)
+            a[1, 2] = a[2, 1] = sums[8, c] / n - sy * sz / (n * n)
             normal = normals[r, c]
             _least_direction(a, v, normal)
-            away = normal[0] * points[r, c, 0] + normal[1] * points[r, c, 1] + normal[2] * z
+            point = points[r, c]
+            away = normal[0] * point[0] + normal[1] * point[1] + normal[2] * point[2]
             if away < 0.0:
                 normal *= -1.0
     return normals
+
+
+@njit(cache=True, nogil=True)
+def _add_neighbours(
+    axes: FloatArray,
+    row: int,
+    other: int,
+    reach: int,
+    shift: int,
+    first: int,
+    last: int,
+    depth_ratio: float,
+    sums: FloatArray,
+) -> None:
+    """Add one neighbour of each pixel of a row to its sums; no branches, so that pixels are done side by side."""
+    x, y, z = axes[0, row, reach:], axes[1, row, reach:], axes[2, row, reach:]
+    u, v, w = axes[0, other, shift:], axes[1, other, shift:], axes[2, other, shift:]
+    n, sx, sy, sz, sxx = sums[0], sums[1], sums[2], sums[3], sums[4]
+    sxy, sxz, syy, syz, szz = sums[5], sums[6], sums[7], sums[8], sums[9]
+    for c in range(np.uint64(first), np.uint64(last)):
+        dz = w[c] - z[c]
+        counts = 1.0 if (w[c] > 0.0) & (abs(dz) < depth_ratio * z[c]) else 0.0
+        dx = counts * (u[c] - x[c])
+        dy = counts * (v[c] - y[c])
+        dz = counts * dz
+        n[c] += counts
+        sx[c] += dx
+        sy[c] += dy
+        sz[c] += dz
+        sxx[c] += dx * dx
+        sxy[c] += dx * dy
+        sxz[c] += dx * dz
+        syy[c] += dy * dy
+        syz[c] += dy * dz
+        szz[c] += dz * dz
 
 
 @njit(cache=True, nogil=True)
