@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-__all__ = ["read_rows"]
+__all__ = ["pair_products", "read_rows"]
 
 
 @njit(cache=True, nogil=True)
@@ -27,3 +27,15 @@ def read_rows(places: npt.NDArray[np.float64], table: npt.NDArray[np.float32]) -
         for i in range(table.shape[1]):
             row[i] = (w0 * a[i] + w1 * b[i]) + (w2 * c[i] + w3 * d[i])
     return rows
+
+
+@njit(cache=True, nogil=True)
+def pair_products(first: npt.NDArray[np.float32], second: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+    """Products (n, a b) of all pairs of values of two rows, (n, a) and (n, b), the second's fastest."""
+    a, b = first.shape[1], second.shape[1]
+    products = np.empty((len(first), a * b), dtype=np.float32)
+    for n in range(len(first)):
+        for i in range(a):
+            for j in range(b):
+                products[n, i * b + j] = first[n, i] * second[n, j]
+    return products

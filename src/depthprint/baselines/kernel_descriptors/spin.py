@@ -16,7 +16,7 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
 )
 from depthprint.range_image import RangeImage
 
-__all__ = ["spin_descriptors", "spin_kernel", "surface_normals"]
+__all__ = ["spin_descriptors", "spin_kernel", "spin_of_points", "surface_normals"]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
@@ -70,9 +70,13 @@ def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
     A place without return, or with ten points or fewer within 5 cm, has none; of more than 256 points a fixed
     random choice counts. Raises DataError as depth_and_points does. Source: Bo, Ren and Fox 2011, section III.
     """
+    return spin_of_points(*depth_and_points(image, PATCH_PX, masked))
+
+
+def spin_of_points(depth: Float32Array, points: FloatArray) -> PatchDescriptors:
+    """``spin_descriptors`` of the depth and points that ``depth_and_points`` gave."""
     from depthprint._kernels.point_kernels import spin_coordinates
 
-    depth, points = depth_and_points(image, PATCH_PX, masked)
     normals = surface_normals(points)
     rows, columns = patch_corners(depth.shape, PATCH_PX)
     positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
@@ -91,15 +95,14 @@ def _order() -> npt.NDArray[np.int64]:
 
 def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32Array:
     """Descriptors (m, 200): means of the kernels of (cos, along, across), (n, 3), over the points of each."""
-    from depthprint._kernels.tables import read_rows
+    from depthprint._kernels.tables import pair_products, read_rows
 
     kernel, tables = spin_kernel(), _tables()
     cosine, along, across = coordinates.T.astype(np.float64)
     attribute = read_rows(np.arccos(cosine) * (NODES / np.pi) + 1, tables[0])
     along_kernels = read_rows((along / RADIUS_M + 1) * (NODES / 2) + 1, tables[1])
     across_kernels = read_rows(across * (NODES / RADIUS_M) + 1, tables[2])
-    pairs = along_kernels[:, :, None] * across_kernels[:, None, :]
-    spatial = pairs.reshape(len(coordinates), -1) @ kernel.spatial_span
+    spatial = pair_products(along_kernels, across_kernels) @ kernel.spatial_span
     sums = np.zeros((len(counts), attribute.shape[1], spatial.shape[1]), dtype=np.float32)
     ends = np.cumsum(counts)
     for number in np.flatnonzero(counts):
