@@ -141,7 +141,10 @@ def code_patches(patches: Patches, dictionary: Dictionary, stream: StreamSetting
 def _code(vectors: npt.NDArray[np.float32], dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
     if stream.dictionary == "pixels":
         return _all_pixels(vectors)
-    return sparse_code(vectors, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
+    empty = ~vectors.any(axis=1)
+    coded = vectors[~empty] if empty.any() else vectors
+    model = sparse_code(coded, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
+    return model if coded is vectors else model.spread(~empty)
 
 
 def _all_pixels(vectors: npt.NDArray[np.float32]) -> SparseModel:

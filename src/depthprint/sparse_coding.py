@@ -81,6 +81,15 @@ class SparseModel:
             self.n_atoms,
         )
 
+    def spread(self, coded: npt.NDArray[np.bool_]) -> SparseModel:
+        """The models in the places where ``coded`` (m,) is true, and empty ones of zero signals elsewhere."""
+        if coded.shape != (len(coded),) or np.count_nonzero(coded) != len(self):
+            raise DataError(f"SparseModel.spread: expected {len(self)} places, got {np.count_nonzero(coded)}")
+        indptr = self.indptr[np.concatenate([[0], np.cumsum(coded)])]
+        residual_norms = np.zeros(len(coded), dtype=self.residual_norms.dtype)
+        residual_norms[coded] = self.residual_norms
+        return SparseModel(indptr, self.indices, self.coefficients, residual_norms, self.n_atoms)
+
     def to_dense(self) -> npt.NDArray[Any]:
         """Coefficients as an (n, n_atoms) array, zero where an atom was not picked."""
         dense = np.zeros((len(self), self.n_atoms), dtype=self.coefficients.dtype)
