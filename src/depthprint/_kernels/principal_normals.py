@@ -13,6 +13,9 @@ __all__ = ["principal_normals"]
 FloatArray = npt.NDArray[np.float64]
 
 _SWEEPS, _NEGLIGIBLE = 12, 1e-30
+# Blocks of a work array: places of pixels, places of neighbours, counts, sums (3) and products (6).
+_LANES, _WORK_ROWS = 128, 16
+_COUNT, _SUM, _SQUARE = 6 * _LANES, 7 * _LANES, 10 * _LANES
 
 
 @njit(cache=True, nogil=True)
@@ -29,73 +32,87 @@ def principal_normals(points: FloatArray, reach: int, depth_ratio: float, least:
         for c in range(width):
             for axis in range(3):
                 axes[axis, r, c + reach] = points[r, c, axis]
-    sums = np.empty((10, width))
+    work = np.empty(_LANES * _WORK_ROWS)
     a, v = np.empty((3, 3)), np.empty((3, 3))
     for r in range(height):
-        first = last = -1
-        for c in range(width):
-            if points[r, c, 2] > 0.0:
-                first = c if first < 0 else first
-                last = c
-        if first < 0:
-            continue
-        sums[:] = 0.0
-        for i in range(max(0, r - reach), min(height, r + reach + 1)):
-            for shift in range(2 * reach + 1):
-                _add_neighbours(axes, r, i, reach, shift, first, last + 1, depth_ratio, sums)
-        for c in range(first, last + 1):
-            n = sums[0, c]
-            if points[r, c, 2] <= 0.0 or n < least:
+        for start in range(0, width, _LANES):
+            stop = min(start + _LANES, width)
+            while start < stop and points[r, start, 2] <= 0.0:
+                start += 1
+            while start < stop and points[r, stop - 1, 2] <= 0.0:
+                stop -= 1
+            if start == stop:
                 continue
-            sx, sy, sz = sums[1, c], sums[2, c], sums[3, c]
-            a[0, 0] = sums[4, c] / n - sx * sx / (n * n)
-            a[1, 1] = sums[7, c] / n - sy * sy / (n * n)
-            a[2, 2] = sums[9, c] / n - sz * sz / (n * n)
-            a[0, 1] = a[1, 0] = sums[5, c] / n - sx * sy / (n * n)
-            a[0, 2] = a[2, 0] = sums[6, c] / n - sx * sz / (n * n)
-            a[1, 2] = a[2, 1] = sums[8, c] / n - sy * sz / (n * n)
-            normal = normals[r, c]
-            _least_direction(a, v, normal)
-            point = points[r, c]
-            away = normal[0] * point[0] + normal[1] * point[1] + normal[2] * point[2]
-            if away < 0.0:
-                normal *= -1.0
+            _sum_windows(axes, r, start, stop, reach, depth_ratio, work)
+            for c in range(start, stop):
+                k = c - start
+                n = work[_COUNT + k]
+                if points[r, c, 2] <= 0.0 or n < least:
+                    continue
+                sx, sy, sz = work[_SUM + k], work[_SUM + _LANES + k], work[_SUM + 2 * _LANES + k]
+                a[0, 0] = work[_SQUARE + k] / n - sx * sx / (n * n)
+                a[0, 1] = a[1, 0] = work[_SQUARE + _LANES + k] / n - sx * sy / (n * n)
+                a[0, 2] = a[2, 0] = work[_SQUARE + 2 * _LANES + k] / n - sx * sz / (n * n)
+                a[1, 1] = work[_SQUARE + 3 * _LANES + k] / n - sy * sy / (n * n)
+                a[1, 2] = a[2, 1] = work[_SQUARE + 4 * _LANES + k] / n - sy * sz / (n * n)
+                a[2, 2] = work[_SQUARE + 5 * _LANES + k] / n - sz * sz / (n * n)
+                normal = normals[r, c]
+                _least_direction(a, v, normal)
+                point = points[r, c]
+                away = normal[0] * point[0] + normal[1] * point[1] + normal[2] * point[2]
+                if away < 0.0:
+                    normal *= -1.0
     return normals
 
 
 @njit(cache=True, nogil=True)
-def _add_neighbours(
-    axes: FloatArray,
-    row: int,
-    other: int,
-    reach: int,
-    shift: int,
-    first: int,
-    last: int,
-    depth_ratio: float,
-    sums: FloatArray,
+def _sum_windows(
+    axes: FloatArray, row: int, start: int, stop: int, reach: int, depth_ratio: float, work: FloatArray
 ) -> None:
-    """Add one neighbour of each pixel of a row to its sums; no branches, so that pixels are done side by side."""
-    x, y, z = axes[0, row, reach:], axes[1, row, reach:], axes[2, row, reach:]
-    u, v, w = axes[0, other, shift:], axes[1, other, shift:], axes[2, other, shift:]
-    n, sx, sy, sz, sxx = sums[0], sums[1], sums[2], sums[3], sums[4]
-    sxy, sxz, syy, syz, szz = sums[5], sums[6], sums[7], sums[8], sums[9]
-    for c in range(np.uint64(first), np.uint64(last)):
-        dz = w[c] - z[c]
-        counts = 1.0 if (w[c] > 0.0) & (abs(dz) < depth_ratio * z[c]) else 0.0
-        dx = counts * (u[c] - x[c])
-        dy = counts * (v[c] - y[c])
+    """Number of neighbours that count, and the sums and products of their offsets, of the pixels start to stop.
+
+    axes: (3, h, w + 2 reach) coordinates, with margins of zeros.
+    """
+    n = stop - start
+    work[:] = 0.0
+    for axis in range(3):
+        work[axis * _LANES : axis * _LANES + n] = axes[axis, row, start + reach : stop + reach]
+    for i in range(max(0, row - reach), min(axes.shape[1], row + reach + 1)):
+        for shift in range(2 * reach + 1):
+            for axis in range(3):
+                _copy(axes[axis, i], np.uint64(start + shift), np.uint64(n), np.uint64((3 + axis) * _LANES), work)
+            _add_neighbours(work, np.uint64(n), depth_ratio)
+
+
+@njit(cache=True, nogil=True)
+def _copy(source: FloatArray, first: int, n: int, place: int, work: FloatArray) -> None:
+    for k in range(n):
+        work[place + k] = source[first + k]
+
+
+@njit(cache=True, nogil=True)
+def _add_neighbours(work: FloatArray, n: int, depth_ratio: float) -> None:
+    """Add one neighbour of each pixel to its sums.
+
+    No branches, and blocks of one array that lie a fixed number of lanes apart: so compilers do pixels side by side.
+    """
+    for k in range(n):
+        z, other = work[k + np.uint64(2 * _LANES)], work[k + np.uint64(5 * _LANES)]
+        dz = other - z
+        counts = 1.0 if (other > 0.0) & (abs(dz) < depth_ratio * z) else 0.0
+        dx = counts * (work[k + np.uint64(3 * _LANES)] - work[k])
+        dy = counts * (work[k + np.uint64(4 * _LANES)] - work[k + np.uint64(_LANES)])
         dz = counts * dz
-        n[c] += counts
-        sx[c] += dx
-        sy[c] += dy
-        sz[c] += dz
-        sxx[c] += dx * dx
-        sxy[c] += dx * dy
-        sxz[c] += dx * dz
-        syy[c] += dy * dy
-        syz[c] += dy * dz
-        szz[c] += dz * dz
+        work[k + np.uint64(_COUNT)] += counts
+        work[k + np.uint64(_SUM)] += dx
+        work[k + np.uint64(_SUM + _LANES)] += dy
+        work[k + np.uint64(_SUM + 2 * _LANES)] += dz
+        work[k + np.uint64(_SQUARE)] += dx * dx
+        work[k + np.uint64(_SQUARE + _LANES)] += dx * dy
+        work[k + np.uint64(_SQUARE + 2 * _LANES)] += dx * dz
+        work[k + np.uint64(_SQUARE + 3 * _LANES)] += dy * dy
+        work[k + np.uint64(_SQUARE + 4 * _LANES)] += dy * dz
+        work[k + np.uint64(_SQUARE + 5 * _LANES)] += dz * dz
 
 
 @njit(cache=True, nogil=True)
