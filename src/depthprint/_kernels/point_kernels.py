@@ -70,19 +70,29 @@ def mean_distance_shares(centres: FloatArray, cloud: FloatArray, step: float, n_
     weights times values at the nodes interpolate what is smooth; one beyond the last nodes has none.
     """
     shares = np.zeros((len(centres), n_nodes))
+    n = len(cloud)
+    x, y, z = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
+    places = np.empty(n)
+    # Two sums take turns, so that equal distances one after another need not wait for each other.
+    halves = np.empty((2, n_nodes))
     for i in range(len(centres)):
-        share = shares[i]
-        for p in range(len(cloud)):
-            squared = 0.0
-            for axis in range(3):
-                squared += (centres[i, axis] - cloud[p, axis]) ** 2
-            place = np.sqrt(squared) / step
-            if place >= n_nodes - 3:
+        cx, cy, cz = centres[i, 0], centres[i, 1], centres[i, 2]
+        for p in range(n):
+            dx, dy, dz = cx - x[p], cy - y[p], cz - z[p]
+            places[p] = np.sqrt(dx * dx + dy * dy + dz * dz) / step
+        halves[:] = 0.0
+        for p in range(n):
+            if places[p] >= n_nodes - 3:
                 continue
-            k = int(place)
-            t = place - k
-            share[k] -= t * (t - 1.0) * (t - 2.0) / 6.0
-            share[k + 1] += (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
-            share[k + 2] -= (t + 1.0) * t * (t - 2.0) / 2.0
-            share[k + 3] += (t + 1.0) * t * (t - 1.0) / 6.0
-    return shares / len(cloud)
+            share = halves[p & 1]
+            k = np.uint64(places[p])
+            t = places[p] - k
+            u, v, w = t + 1.0, t - 1.0, t - 2.0
+            outer, inner = t * v * (1.0 / 6.0), u * w * 0.5
+            share[k] -= outer * w
+            share[k + np.uint64(1)] += inner * v
+            share[k + np.uint64(2)] -= inner * t
+            share[k + np.uint64(3)] += outer * u
+        for k in range(n_nodes):
+            shares[i, k] = (halves[0, k] + halves[1, k]) / n
+    return shares

@@ -45,16 +45,20 @@ def gradient_kernel() -> MatchKernel:
 
 def depth_gradient(depth: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Unit orientation (x, y) and magnitude of each pixel's gradient, (h, w) each; 0 outside the crop."""
-    from scipy.ndimage import correlate
+    from depthprint._kernels.depth_slopes import depth_slopes
 
-    offsets = np.arange(FILTER_PX) - FILTER_PX // 2
-    bell = np.exp(-(offsets[:, None] ** 2 + offsets**2) / (2 * FILTER_SIGMA**2))
-    gy, gx = (
-        correlate(depth, (2.0 * side / np.abs(side).sum()).astype(np.float32), mode="constant")
-        for side in np.gradient(bell / bell.sum())
-    )
+    gx, gy = depth_slopes(np.pad(depth, FILTER_PX // 2), *_filter())
     magnitude = np.maximum(np.sqrt(gx**2 + gy**2), LEAST_MAGNITUDE)
     return gx / magnitude, gy / magnitude, magnitude
+
+
+@lru_cache(maxsize=1)
+def _filter() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Bell and slope (5,) whose product is the filter, the slope of a bell: of absolute sum 2."""
+    offsets = np.arange(FILTER_PX) - FILTER_PX // 2
+    bell = np.exp(-(offsets**2) / (2 * FILTER_SIGMA**2))
+    slope = np.gradient(bell)
+    return bell, 2.0 * slope / (np.abs(slope).sum() * bell.sum())
 
 
 def gradient_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
@@ -84,8 +88,10 @@ def _described(gx: Float32Array, gy: Float32Array, magnitude: Float32Array) -> P
     numbers[sloping] = np.arange(1, 1 + np.count_nonzero(sloping))
     x, y = gx[sloping], gy[sloping]
     table = _circle_kernels()
+    kernels = np.empty((1 + len(x), table.shape[1]), dtype=np.float32)
+    kernels[0] = _plain_kernel()
     turns = np.arctan2(y, x, dtype=np.float64) / (2 * np.pi) + 0.5
-    kernels = np.concatenate([_spanned(np.zeros((1, 2), np.float32)), read_rows(turns * CIRCLE_NODES + 1, table)])
+    read_rows(turns * CIRCLE_NODES + 1, table, kernels[1:])
     # Only where a gradient is cut off at the least magnitude is its orientation shorter than 1.
     faint = np.flatnonzero(magnitude[sloping] <= LEAST_MAGNITUDE)
     if len(faint):
@@ -100,10 +106,16 @@ def _circle_kernels() -> Float32Array:
     kernel = gradient_kernel()
     orientations = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     kernels = gaussian_kernel(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span
-    return np.asarray(kernels, dtype=np.float32)
+    return kernel.padded(kernels.astype(np.float32))
+
+
+@lru_cache(maxsize=1)
+def _plain_kernel() -> Float32Array:
+    return _spanned(np.zeros((1, 2), dtype=np.float32))[0]
 
 
 def _spanned(orientations: Float32Array) -> Float32Array:
-    """Kernels of orientations (n, 2) against the basis, in its span: (n, p)."""
+    """Kernels of orientations (n, 2) against the basis, in its padded span: (n, p)."""
     kernel = gradient_kernel()
-    return gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA) @ kernel.attribute_span
+    products = gaussian_products(orientations, kernel.attribute, ORIENTATION_GAMMA)
+    return kernel.padded(products @ kernel.attribute_span)

@@ -95,21 +95,26 @@ def _order() -> npt.NDArray[np.int64]:
 
 def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32Array:
     """Descriptors (m, 200): means of the kernels of (cos, along, across), (n, 3), over the points of each."""
-    from depthprint._kernels.tables import pair_products, read_rows
+    from depthprint._kernels.tables import read_products, read_rows
 
-    kernel, tables = spin_kernel(), _tables()
+    kernel = spin_kernel()
+    attribute_table, along_table, across_table = _tables()
     cosine, along, across = coordinates.T.astype(np.float64)
-    attribute = read_rows(np.arccos(cosine) * (NODES / np.pi) + 1, tables[0])
-    along_kernels = read_rows((along / RADIUS_M + 1) * (NODES / 2) + 1, tables[1])
-    across_kernels = read_rows(across * (NODES / RADIUS_M) + 1, tables[2])
-    spatial = pair_products(along_kernels, across_kernels) @ kernel.spatial_span
-    sums = np.zeros((len(counts), attribute.shape[1], spatial.shape[1]), dtype=np.float32)
+    attribute = np.empty((len(coordinates), attribute_table.shape[1]), dtype=np.float32)
+    read_rows(np.arccos(cosine) * (NODES / np.pi) + 1, attribute_table, attribute)
+    spatial = read_products(
+        across * (NODES / RADIUS_M) + 1, across_table, (along / RADIUS_M + 1) * (NODES / 2) + 1, along_table
+    )
+    sums = np.zeros((len(counts), spatial.shape[1], attribute.shape[1]), dtype=np.float32)
     ends = np.cumsum(counts)
     for number in np.flatnonzero(counts):
         points = slice(ends[number] - counts[number], ends[number])
-        np.matmul(attribute[points].T, spatial[points], out=sums[number])
+        np.matmul(spatial[points].T, attribute[points], out=sums[number])
     sums /= np.maximum(counts, 1).astype(np.float32)[:, None, None]
-    return kernel.project(sums)
+    # The spatial basis has places along first, and no padding of them.
+    across_first = sums.reshape(len(counts), len(ACROSS_AXIS_M), -1, attribute.shape[1])
+    along_first = across_first[:, :, : len(ALONG_AXIS_M)].swapaxes(1, 2)
+    return kernel.project_places(along_first.reshape(len(counts), -1, attribute.shape[1]))
 
 
 @lru_cache(maxsize=1)
@@ -123,4 +128,5 @@ def _tables() -> tuple[Float32Array, ...]:
         gaussian_kernel(places[:, None], axis[:, None], SPATIAL_GAMMA)
         for places, axis in (((2 * share - 1) * RADIUS_M, ALONG_AXIS_M), (share * RADIUS_M, ACROSS_AXIS_M))
     )
-    return tuple(table.astype(np.float32) for table in (attribute, along, across))
+    tables = (kernel.padded(table.astype(np.float32)) for table in (attribute, along))
+    return *tables, across.astype(np.float32)
