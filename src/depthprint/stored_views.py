@@ -151,15 +151,49 @@ class StoredViews:
         self, encoder: Encoder, encodings: Sequence[Encoding], images: Sequence[RangeImage]
     ) -> ViewFeatures:
         """Bring images, encoded by the same encoder, into the form of the stored views."""
-        surfaces: Sequence[Float32Array] = ()
-        if self.words is not None and self.surface_directions is not None:
-            surfaces = _along(
-                self.surface_directions, self.words.features(images, mirror=encoder.settings.mirror)
-            )
+        surfaces: tuple[Float32Array, ...] = ()
+        if self.words is not None:
+            surfaces = self.words.features(images, mirror=encoder.settings.mirror)
+        return self._joined(encoder, encodings, surfaces)
+
+    def encode_and_describe(self, encoder: Encoder, images: Sequence[RangeImage]) -> ViewFeatures:
+        """``describe`` of images that are still to be encoded, which goes on beside it where there are two threads."""
+        from depthprint._kernels.blocks import for_blocks
+
+        words, mirror = self.words, encoder.settings.mirror
+        groups = [] if words is None else words.groups
+        encodings: dict[int, Encoding] = {}
+        parts: dict[tuple[int, int], list[Float32Array]] = {}
+
+        def work(number: int, _: int) -> None:
+            # Encodings take longest, so they come first.
+            group, image = divmod(number, len(images))
+            if group == 0:
+                encodings[image] = encoder.describe(images[image])
+            elif words is not None:
+                parts[image, group - 1] = words.part(images[image], groups[group - 1], mirror)
+
+        for_blocks(len(images) * (1 + len(groups)), 1, work)
+        surfaces: tuple[Float32Array, ...] = ()
+        if words is not None:
+            of_images = [
+                words.joined([parts[image, group] for group in range(len(groups))])
+                for image in range(len(images))
+            ]
+            surfaces = tuple(np.stack(of_images, axis=1))
+        return self._joined(encoder, [encodings[image] for image in range(len(images))], surfaces)
+
+    def _joined(
+        self, encoder: Encoder, encodings: Sequence[Encoding], surfaces: Sequence[Float32Array]
+    ) -> ViewFeatures:
+        along: Sequence[Float32Array] = ()
+        if self.surface_directions is not None and len(surfaces):
+            along = _along(self.surface_directions, surfaces)
+            along = [along[0], along[-1]]
         codes = _code_features(
             encoder, encodings, self.directions, self._landmark_batches, self.distance_features
         )
-        return ViewFeatures(codes.straight, codes.mirrored, codes.landmark, *surfaces)
+        return ViewFeatures(codes.straight, codes.mirrored, codes.landmark, *along)
 
 
 def store_views(

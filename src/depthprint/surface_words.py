@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -80,17 +81,30 @@ class SurfaceWords:
         rows = np.empty((1 + mirror, len(images), self.n_features), dtype=np.float32)
 
         def block(start: int, stop: int) -> None:
-            described = [_described(image, self.vocabularies, mirror) for image in images[start:stop]]
-            sides = (
-                _unit_features([crop for sides in described for crop in sides[kind]], vocabulary)
-                for kind, vocabulary in self.vocabularies.items()
-            )
-            whole = unit_rows(np.concatenate(list(sides), axis=1))
-            rows[:, start:stop] = whole.reshape(stop - start, 1 + mirror, -1).swapaxes(0, 1)
+            for number in range(start, stop):
+                parts = [self.part(images[number], kinds, mirror) for kinds in self.groups]
+                rows[:, number] = self.joined(parts)
 
         for_blocks(len(images), 8, block, progress)
         straight = rows[0]
         return straight, rows[1] if mirror else straight
+
+    @property
+    def groups(self) -> list[tuple[str, ...]]:
+        """Kinds that have work in common, which ``part`` does once."""
+        apart = [(kind,) for kind in self.vocabularies if KINDS[kind].of_points is None]
+        of_points = tuple(kind for kind in self.vocabularies if KINDS[kind].of_points is not None)
+        return [*apart, *([of_points] if of_points else [])]
+
+    def part(self, image: RangeImage, kinds: Sequence[str], mirror: bool) -> list[Float32Array]:
+        """Unit vectors (1 or 2, d) by kinds of one group, of an image and of its mirror image where asked for."""
+        described = _described(image, kinds, mirror)
+        return [_unit_features(described[kind], self.vocabularies[kind]) for kind in kinds]
+
+    def joined(self, parts: Sequence[Sequence[Float32Array]]) -> Float32Array:
+        """Unit vectors (1 or 2, d) of an image from what ``part`` gave for each of ``groups``."""
+        rows = dict(zip([kind for kinds in self.groups for kind in kinds], chain(*parts), strict=True))
+        return unit_rows(np.concatenate([rows[kind] for kind in self.vocabularies], axis=1))
 
     @property
     def n_features(self) -> int:
@@ -130,7 +144,7 @@ def _unit_features(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) ->
 
 
 def _described(
-    image: RangeImage, kinds: Iterable[str], mirror: bool
+    image: RangeImage, kinds: Sequence[str], mirror: bool
 ) -> dict[str, Sequence[PatchDescriptors]]:
     """Descriptors of an image, and of its mirror image where asked for, by kind."""
     found: dict[str, Sequence[PatchDescriptors]] = {}

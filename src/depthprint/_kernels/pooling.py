@@ -9,7 +9,7 @@ from numba import njit
 __all__ = ["cell_means", "max_pool_cells"]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def max_pool_cells(
     indptr: npt.NDArray[np.int64],
     indices: npt.NDArray[np.int32],
@@ -43,7 +43,7 @@ def max_pool_cells(
     return pooled
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cell_means(
     indptr: npt.NDArray[np.int64],
     values: npt.NDArray[np.float64],
