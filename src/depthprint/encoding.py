@@ -141,10 +141,10 @@ def code_patches(patches: Patches, dictionary: Dictionary, stream: StreamSetting
 def _code(vectors: npt.NDArray[np.float32], dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
     if stream.dictionary == "pixels":
         return _all_pixels(vectors)
-    empty = ~vectors.any(axis=1)
-    coded = vectors[~empty] if empty.any() else vectors
+    busy = np.asarray(vectors.any(axis=1))
+    coded = vectors if busy.all() else vectors[busy]
     model = sparse_code(coded, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
-    return model if coded is vectors else model.spread(~empty)
+    return model if coded is vectors else model.spread(busy)
 
 
 def _all_pixels(vectors: npt.NDArray[np.float32]) -> SparseModel:

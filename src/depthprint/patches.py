@@ -50,7 +50,12 @@ def extract_patches(view: View, stream: StreamSettings, wraps: bool = False) -> 
     from depthprint._kernels.patch_cutting import cut_patches
 
     vectors, share, mean_depth = cut_patches(
-        np.ascontiguousarray(channels), np.ascontiguousarray(support), np.ascontiguousarray(depth), ph, pw, step
+        np.ascontiguousarray(channels),
+        np.ascontiguousarray(support),
+        np.ascontiguousarray(depth),
+        ph,
+        pw,
+        step,
     )
     rows, columns = (support.shape[0] - ph) // step + 1, (support.shape[1] - pw) // step + 1
     if stream.centre:

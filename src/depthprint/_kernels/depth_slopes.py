@@ -13,7 +13,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
-def depth_slopes(padded: Float32Array, bell: FloatArray, slope: FloatArray) -> tuple[Float32Array, Float32Array]:
+def depth_slopes(
+    padded: Float32Array, bell: FloatArray, slope: FloatArray
+) -> tuple[Float32Array, Float32Array]:
     """Correlation (h, w) with the slope along x and the bell along y, and the other way round.
 
     padded: depth with a margin of half the filter's length.

@@ -85,14 +85,14 @@ def mean_distance_shares(centres: FloatArray, cloud: FloatArray, step: float, n_
             if places[p] >= n_nodes - 3:
                 continue
             share = halves[p & 1]
-            k = np.uint64(places[p])
-            t = places[p] - k
+            node = np.uint64(places[p])
+            t = places[p] - node
             u, v, w = t + 1.0, t - 1.0, t - 2.0
             outer, inner = t * v * (1.0 / 6.0), u * w * 0.5
-            share[k] -= outer * w
-            share[k + np.uint64(1)] += inner * v
-            share[k + np.uint64(2)] -= inner * t
-            share[k + np.uint64(3)] += outer * u
+            share[node] -= outer * w
+            share[node + np.uint64(1)] += inner * v
+            share[node + np.uint64(2)] -= inner * t
+            share[node + np.uint64(3)] += outer * u
         for k in range(n_nodes):
             shares[i, k] = (halves[0, k] + halves[1, k]) / n
     return shares

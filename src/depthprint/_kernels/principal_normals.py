@@ -80,7 +80,13 @@ def _sum_windows(
     for i in range(max(0, row - reach), min(axes.shape[1], row + reach + 1)):
         for shift in range(2 * reach + 1):
             for axis in range(3):
-                _copy(axes[axis, i], np.uint64(start + shift), np.uint64(n), np.uint64((3 + axis) * _LANES), work)
+                _copy(
+                    axes[axis, i],
+                    np.uint64(start + shift),
+                    np.uint64(n),
+                    np.uint64((3 + axis) * _LANES),
+                    work,
+                )
             _add_neighbours(work, np.uint64(n), depth_ratio)
 
 

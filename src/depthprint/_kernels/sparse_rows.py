@@ -13,7 +13,7 @@ Float32Array = npt.NDArray[np.float32]
 
 @njit(cache=True, nogil=True)
 def sparse_products(rows: Float32Array, matrix: Float32Array) -> Float32Array:
-    """rows (n, d) times matrix (d, r), four rows of the matrix a pass."""
+    """Product (n, r) of rows (n, d) and a matrix (d, r), four rows of the matrix a pass."""
     n, d = rows.shape
     width = matrix.shape[1]
     used = np.empty(d + 3, dtype=np.int64)

@@ -36,7 +36,7 @@ def read_rows(places: FloatArray, table: Float32Array, rows: Float32Array) -> No
 def read_products(
     first_places: FloatArray, first: Float32Array, second_places: FloatArray, second: Float32Array
 ) -> Float32Array:
-    """Products (n, a b) of all pairs of values read from two tables, (nodes, a) and (nodes, b), the second's fastest."""
+    """Products (n, a b) of all values of two rows read from tables (nodes, a) and (nodes, b), the second's fastest."""
     n, a, b = len(first_places), first.shape[1], second.shape[1]
     products = np.empty((n, a * b), dtype=np.float32)
     one, other = np.empty(a, dtype=np.float32), np.empty(b, dtype=np.float32)

@@ -111,7 +111,7 @@ def _circle_kernels() -> Float32Array:
 
 @lru_cache(maxsize=1)
 def _plain_kernel() -> Float32Array:
-    return _spanned(np.zeros((1, 2), dtype=np.float32))[0]
+    return np.asarray(_spanned(np.zeros((1, 2), dtype=np.float32))[0])
 
 
 def _spanned(orientations: Float32Array) -> Float32Array:

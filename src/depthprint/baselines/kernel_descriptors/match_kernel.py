@@ -180,7 +180,7 @@ class MatchKernel:
         return np.ascontiguousarray(core.transpose(1, 0, 2)).reshape(-1, k)
 
     def project_places(self, sums: Float32Array) -> Float32Array:
-        """Descriptors (n, k) of sums (n, s, p): of the attribute's padded span, against each point of the spatial basis."""
+        """Descriptors (n, k) of sums (n, s, p): in the padded span, against each point of the spatial basis."""
         spanned = self.spatial_span.T @ sums
         return np.asarray(spanned.reshape(len(sums), len(self._core_by_place)) @ self._core_by_place)
 

@@ -103,7 +103,7 @@ def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32A
     attribute = np.empty((len(coordinates), attribute_table.shape[1]), dtype=np.float32)
     read_rows(np.arccos(cosine) * (NODES / np.pi) + 1, attribute_table, attribute)
     spatial = read_products(
-        across * (NODES / RADIUS_M) + 1, across_table, (along / RADIUS_M + 1) * (NODES / 2) + 1, along_table
+        (along / RADIUS_M + 1) * (NODES / 2) + 1, along_table, across * (NODES / RADIUS_M) + 1, across_table
     )
     sums = np.zeros((len(counts), spatial.shape[1], attribute.shape[1]), dtype=np.float32)
     ends = np.cumsum(counts)
@@ -111,10 +111,7 @@ def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32A
         points = slice(ends[number] - counts[number], ends[number])
         np.matmul(spatial[points].T, attribute[points], out=sums[number])
     sums /= np.maximum(counts, 1).astype(np.float32)[:, None, None]
-    # The spatial basis has places along first, and no padding of them.
-    across_first = sums.reshape(len(counts), len(ACROSS_AXIS_M), -1, attribute.shape[1])
-    along_first = across_first[:, :, : len(ALONG_AXIS_M)].swapaxes(1, 2)
-    return kernel.project_places(along_first.reshape(len(counts), -1, attribute.shape[1]))
+    return kernel.project_places(sums)
 
 
 @lru_cache(maxsize=1)
@@ -128,5 +125,4 @@ def _tables() -> tuple[Float32Array, ...]:
         gaussian_kernel(places[:, None], axis[:, None], SPATIAL_GAMMA)
         for places, axis in (((2 * share - 1) * RADIUS_M, ALONG_AXIS_M), (share * RADIUS_M, ACROSS_AXIS_M))
     )
-    tables = (kernel.padded(table.astype(np.float32)) for table in (attribute, along))
-    return *tables, across.astype(np.float32)
+    return kernel.padded(attribute.astype(np.float32)), along.astype(np.float32), across.astype(np.float32)
