@@ -20,12 +20,21 @@ from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.surface_words import SurfaceWords
 
-__all__ = ["MAX_DIRECTIONS", "MAX_LANDMARKS", "StoredViews", "ViewFeatures", "store_views"]
+__all__ = [
+    "MAX_DIRECTIONS",
+    "MAX_LANDMARKS",
+    "MAX_LANDMARKS_BESIDE_SURFACES",
+    "StoredViews",
+    "ViewFeatures",
+    "store_views",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
 MAX_DIRECTIONS = 384
 MAX_LANDMARKS = 48
+# Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
+MAX_LANDMARKS_BESIDE_SURFACES = 24
 # So many rows or fewer are multiplied by the directions without those that a zero would be multiplied by.
 FEW_ROWS = 8
 
@@ -213,7 +222,8 @@ def store_views(
     if encoder.settings.mirror:
         vectors = np.concatenate([vectors, code_vectors(encoder, mirrored_encodings(encodings))])
     directions = _leading_directions(vectors, seed)
-    chosen = np.unique(np.linspace(0, len(encodings) - 1, MAX_LANDMARKS).astype(np.int64))
+    most = MAX_LANDMARKS if words is None else MAX_LANDMARKS_BESIDE_SURFACES
+    chosen = np.unique(np.linspace(0, len(encodings) - 1, most).astype(np.int64))
     landmarks = tuple(encodings[int(k)] for k in chosen)
     learned = DistanceFeatures(compare_complexities(encoder, landmarks))
     views = _code_features(encoder, encodings, directions, signature_batches(landmarks), learned)
