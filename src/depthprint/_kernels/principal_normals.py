@@ -13,6 +13,7 @@ __all__ = ["principal_normals"]
 FloatArray = npt.NDArray[np.float64]
 
 _SWEEPS, _NEGLIGIBLE = 12, 1e-30
+_LEAST_PRODUCT = 1e-6
 # Blocks of a work array: places of pixels, places of neighbours, counts, sums (3) and products (6).
 _LANES, _WORK_ROWS = 128, 16
 _COUNT, _SUM, _SQUARE = 6 * _LANES, 7 * _LANES, 10 * _LANES
@@ -57,7 +58,8 @@ def principal_normals(points: FloatArray, reach: int, depth_ratio: float, least:
                 a[1, 2] = a[2, 1] = work[_SQUARE + 4 * _LANES + k] / n - sy * sz / (n * n)
                 a[2, 2] = work[_SQUARE + 5 * _LANES + k] / n - sz * sz / (n * n)
                 normal = normals[r, c]
-                _least_direction(a, v, normal)
+                if not _plane_direction(a, normal):
+                    _least_direction(a, v, normal)
                 point = points[r, c]
                 away = normal[0] * point[0] + normal[1] * point[1] + normal[2] * point[2]
                 if away < 0.0:
@@ -119,6 +121,40 @@ def _add_neighbours(work: FloatArray, n: int, depth_ratio: float) -> None:
         work[k + np.uint64(_SQUARE + 3 * _LANES)] += dy * dy
         work[k + np.uint64(_SQUARE + 4 * _LANES)] += dy * dz
         work[k + np.uint64(_SQUARE + 5 * _LANES)] += dz * dz
+
+
+@njit(cache=True, nogil=True)
+def _plane_direction(a: FloatArray, out: FloatArray) -> bool:
+    """The same as ``_least_direction`` in closed form; False, and nothing done, where that would not be precise.
+
+    The least root of the characteristic polynomial, then the longest product of two rows of what it leaves singular.
+    """
+    mean = (a[0, 0] + a[1, 1] + a[2, 2]) / 3.0
+    x, y, z = a[0, 0] - mean, a[1, 1] - mean, a[2, 2] - mean
+    p, q, r = a[0, 1], a[0, 2], a[1, 2]
+    spread = math.sqrt((x * x + y * y + z * z + 2.0 * (p * p + q * q + r * r)) / 6.0)
+    if spread <= 0.0:
+        return False
+    half = (x * (y * z - r * r) - p * (p * z - r * q) + q * (p * r - y * q)) / (2.0 * spread**3)
+    turn = math.acos(min(1.0, max(-1.0, half))) / 3.0
+    least = 2.0 * spread * math.cos(turn + 2.0 * math.pi / 3.0)
+    x, y, z = x - least, y - least, z - least
+    first = (p * r - q * y, q * p - x * r, x * y - p * p)
+    second = (p * z - q * r, q * q - x * z, x * r - p * q)
+    third = (y * z - r * r, r * q - p * z, p * r - y * q)
+    longest = 0.0
+    for product in (first, second, third):
+        length = product[0] * product[0] + product[1] * product[1] + product[2] * product[2]
+        if length > longest:
+            longest = length
+            out[0], out[1], out[2] = product[0], product[1], product[2]
+    # Two least roots that are nearly one leave no plane, and short products that rounding turns.
+    if longest < _LEAST_PRODUCT * spread**4:
+        out[:] = 0.0
+        return False
+    length = math.sqrt(longest)
+    out[0], out[1], out[2] = out[0] / length, out[1] / length, out[2] / length
+    return True
 
 
 @njit(cache=True, nogil=True)
