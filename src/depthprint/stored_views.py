@@ -189,20 +189,28 @@ class StoredViews:
                 words.joined([parts[image, group] for group in range(len(groups))])
                 for image in range(len(images))
             ]
-            surfaces = tuple(np.stack(of_images, axis=1))
+            sides = np.stack(of_images, axis=1)
+            surfaces = sides[0], sides[-1]
         return self._joined(encoder, [encodings[image] for image in range(len(images))], surfaces)
 
     def _joined(
         self, encoder: Encoder, encodings: Sequence[Encoding], surfaces: Sequence[Float32Array]
     ) -> ViewFeatures:
-        along: Sequence[Float32Array] = ()
-        if self.surface_directions is not None and len(surfaces):
-            along = _along(self.surface_directions, surfaces)
-            along = [along[0], along[-1]]
-        codes = _code_features(
-            encoder, encodings, self.directions, self._landmark_batches, self.distance_features
-        )
-        return ViewFeatures(codes.straight, codes.mirrored, codes.landmark, *along)
+        from depthprint._kernels.blocks import for_blocks
+
+        known = self.surface_directions
+        codes: list[Float32Array] = []
+        along: list[Float32Array | None] = [None, None]
+
+        def work(number: int, _: int) -> None:
+            if number == 0:
+                codes[:] = _code_sides(encoder, encodings, self.directions)
+            elif known is not None:
+                along[:] = _along(known, surfaces)
+
+        for_blocks(1 + (known is not None and len(surfaces) > 0), 1, work)
+        distances = compare_with_batches(encoder, encodings, self._landmark_batches)
+        return ViewFeatures(codes[0], codes[1], self.distance_features.of(distances), along[0], along[1])
 
 
 def store_views(
@@ -226,7 +234,9 @@ def store_views(
     chosen = np.unique(np.linspace(0, len(encodings) - 1, most).astype(np.int64))
     landmarks = tuple(encodings[int(k)] for k in chosen)
     learned = DistanceFeatures(compare_complexities(encoder, landmarks))
-    views = _code_features(encoder, encodings, directions, signature_batches(landmarks), learned)
+    distances = compare_complexities(encoder, encodings, landmarks)
+    straight, mirrored = _code_sides(encoder, encodings, directions)
+    views = ViewFeatures(straight, mirrored, learned.of(distances))
     if words is None:
         return StoredViews(directions, landmarks, learned, views)
     mirror = encoder.settings.mirror
@@ -238,19 +248,15 @@ def store_views(
     return StoredViews(directions, landmarks, learned, views, words, surface_directions)
 
 
-def _code_features(
-    encoder: Encoder,
-    encodings: Sequence[Encoding],
-    directions: Float32Array,
-    landmarks: Sequence[SignatureBatch],
-    distance_features: DistanceFeatures,
-) -> ViewFeatures:
+def _code_sides(
+    encoder: Encoder, encodings: Sequence[Encoding], directions: Float32Array
+) -> list[Float32Array]:
+    """Codes along the directions, of views and of their mirror images; the first twice where there are none."""
     vectors = [code_vectors(encoder, encodings)]
     if encoder.settings.mirror:
         vectors.append(code_vectors(encoder, mirrored_encodings(encodings)))
     sides = _along(directions, vectors)
-    distances = compare_with_batches(encoder, encodings, landmarks)
-    return ViewFeatures(sides[0], sides[-1], distance_features.of(distances))
+    return [sides[0], sides[-1]]
 
 
 def _along(directions: Float32Array, vectors: Sequence[Float32Array]) -> list[Float32Array]:

@@ -157,11 +157,12 @@ def _cell_means(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) -> Fl
     from depthprint._kernels.kept_responses import kept_means
 
     # Those of a mirror image may be the very same vectors at other places.
-    responses: dict[int, FloatArray] = {}
+    vectors = list({id(crop.vectors): crop.vectors for crop in crops}.values())
+    ends = np.cumsum([len(v) for v in vectors])[:-1]
+    found = np.split(vocabulary.responses(np.concatenate(vectors)), ends) if vectors else []
+    responses = {id(v): rows for v, rows in zip(vectors, found, strict=True)}
     means = []
     for crop in crops:
-        if id(crop.vectors) not in responses:
-            responses[id(crop.vectors)] = vocabulary.responses(crop.vectors)
         columns, rows = crop.positions.T
         means.append(kept_means(responses[id(crop.vectors)], columns, rows, _LEVELS))
     return np.stack(means)
