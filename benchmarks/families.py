@@ -8,7 +8,7 @@ from benchmarks.harness import Settings
 
 __all__ = ["FAMILIES", "names_of", "run_family"]
 
-FAMILIES = ("emd_pairs", "search", "coding", "learning", "matrix", "online")
+FAMILIES = ("emd_pairs", "search", "coding", "learning", "matrix", "online", "recognise")
 
 
 def names_of(family: str) -> tuple[str, ...]:

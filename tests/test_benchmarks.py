@@ -18,7 +18,7 @@ from depthprint import Signature, SignatureBatch, difference_matrix
 DEMANDED = {
     "emd20_pot_emd2", "emd20_pot_emd_c", "emd20_wasserstein", "emd20_cv2", "emd20_pyemd", "emd121_pot_emd_c",
     "nearest_brute_force", "omp_sklearn", "omp_spams", "learn_sklearn", "learn_spams", "matrix_pot", "scaling",
-    "online",
+    "online", "recognise",
 }  # fmt: skip
 
 

@@ -156,6 +156,13 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
             np.take_along_axis(nearest, order, axis=1),
         )
 
+    def nearest_by_class(self, X: npt.ArrayLike) -> FloatArray:
+        """Distance (n_query, c) of each query to the nearest stored object of each class, columns as ``classes_``."""
+        scaled = self._scaled(X)
+        order = np.argsort(self._encoded, kind="stable")
+        starts = np.searchsorted(self._encoded[order], np.arange(len(self.classes_)))
+        return np.asarray(np.minimum.reduceat(scaled[:, order], starts, axis=1))
+
     def _check_parameters(self) -> None:
         if self.metric != "precomputed":
             raise SettingsError(
@@ -195,11 +202,7 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
 
 def class_distances(classifier: NearestComplexityClassifier, distances: npt.ArrayLike) -> FloatArray:
     """Distance (m, c) of each query to the nearest stored object of each class, columns as ``classes_``."""
-    ranking = classifier.predict_with_distances(distances)
-    columns = np.searchsorted(classifier.classes_, ranking.labels)
-    ordered = np.empty(ranking.distances.shape)
-    np.put_along_axis(ordered, columns, ranking.distances, axis=1)
-    return ordered
+    return classifier.nearest_by_class(distances)
 
 
 def _is_integer(value: object) -> bool:

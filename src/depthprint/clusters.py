@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -50,31 +51,35 @@ def make_clusters(
 
 
 def cell_grid(stream: StreamSettings, dims: int) -> tuple[FloatArray, FloatArray]:
-    """Centres (cells, dims) and half widths (cells,) of the stream's overlapping cells, in [0, 1]."""
+    """Centres (cells, dims) and half widths (cells,) of the stream's overlapping cells, in [0, 1]; read-only."""
+    return _grid(stream.cells, stream.cell_overlap, dims)
+
+
+@lru_cache(maxsize=32)
+def _grid(cells: tuple[int, ...], overlap: float, dims: int) -> tuple[FloatArray, FloatArray]:
     centres, half_widths = [], []
-    for n in stream.cells:
+    for n in cells:
         middle = (np.arange(n) + 0.5) / n
-        grid = np.stack(np.meshgrid(*([middle] * dims)), axis=-1).reshape(-1, dims)
-        centres.append(grid)
-        half_widths.append(np.full(len(grid), stream.cell_overlap * 0.5 / n))
-    return np.concatenate(centres), np.concatenate(half_widths)
+        places = np.stack(np.meshgrid(*([middle] * dims)), axis=-1).reshape(-1, dims)
+        centres.append(places)
+        half_widths.append(np.full(len(places), overlap * 0.5 / n))
+    grid, widths = np.concatenate(centres), np.concatenate(half_widths)
+    for array in (grid, widths):
+        array.setflags(write=False)
+    return grid, widths
 
 
 def _cells(
     model: SparseModel, coefficients: FloatArray, patches: Patches, stream: StreamSettings
 ) -> Clusters:
-    from depthprint._kernels.pooling import max_pool_cells
+    from depthprint._kernels.pooling import cell_means, max_pool_cells
 
     centres, half_widths = cell_grid(stream, patches.positions.shape[1])
     pooled = max_pool_cells(
         model.indptr, model.indices, coefficients, patches.positions, centres, half_widths,
         model.n_atoms, stream.signed,
     )  # fmt: skip
-    occupied = (np.diff(model.indptr) > 0).astype(np.float64)
-    near = (np.abs(patches.positions[None] - centres[:, None]) <= half_widths[:, None, None]).all(
-        2
-    ) * occupied
-    depth = near @ patches.depth / np.maximum(near.sum(1), 1)
+    depth = cell_means(model.indptr, patches.depth, patches.positions, centres, half_widths)
     return Clusters(pooled, centres, depth)
 
 

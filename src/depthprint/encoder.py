@@ -13,8 +13,8 @@ from depthprint.encoding import (
     Encoding,
     StreamModel,
     cluster_vectors,
+    cluster_views,
     code_patches,
-    encode_clusters,
     ground_distance,
     make_signature,
     model_fingerprint,
@@ -25,8 +25,9 @@ from depthprint.polar_view import turn_of_shift
 from depthprint.presets import preset_settings
 from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings
+from depthprint.signature import Signature
 from depthprint.sparse_coding import SparseModel
-from depthprint.views import View, make_view
+from depthprint.views import View, make_view, make_views, mirrored_view
 
 if TYPE_CHECKING:
     from depthprint.signature_index import SignatureIndex
@@ -91,10 +92,19 @@ class Encoder:
     def describe(self, image: RangeImage) -> Encoding:
         """Encode one image. Raises ModelError when not fitted, DataError (naming the frame) on bad input."""
         self._require_fitted()
-        encoding = self._describe(image, mirror=False)
-        if not self.settings.mirror:
-            return encoding
-        return Encoding(encoding.signatures, encoding.vectors, self._describe(image, mirror=True))
+        views = make_views(image, self.settings)
+        signatures: list[list[Signature]] = [[], []]
+        vectors: list[list[npt.NDArray[np.float32]]] = [[], []]
+        for view, settings, model in zip(views, self.settings.streams, self.streams, strict=True):
+            turned = [mirrored_view(view, settings)] if self.settings.mirror else []
+            found = cluster_views([view, *turned], settings, self.settings, model.dictionary)
+            for side, clusters in enumerate(found):
+                signatures[side].append(make_signature(clusters, settings, model.basis, self.fingerprint))
+                vectors[side].append(cluster_vectors(clusters, settings, model.basis))
+        mirrored = None
+        if self.settings.mirror:
+            mirrored = Encoding(tuple(signatures[1]), tuple(vectors[1]))
+        return Encoding(tuple(signatures[0]), tuple(vectors[0]), mirrored)
 
     def describe_many(self, images: Sequence[RangeImage], progress: Progress | None = None) -> list[Encoding]:
         """Encode images in order."""
@@ -173,11 +183,3 @@ class Encoder:
     def _require_fitted(self) -> None:
         if not self.fitted:
             raise ModelError(f"encoder {self.settings.name!r}: not fitted; call fit() or load a model")
-
-    def _describe(self, image: RangeImage, mirror: bool) -> Encoding:
-        signatures, vectors = [], []
-        for settings, model in zip(self.settings.streams, self.streams, strict=True):
-            clusters = encode_clusters(image, settings, self.settings, model.dictionary, mirror)
-            signatures.append(make_signature(clusters, settings, model.basis, self.fingerprint))
-            vectors.append(cluster_vectors(clusters, settings, model.basis))
-        return Encoding(tuple(signatures), tuple(vectors))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,13 @@ from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings, StreamSettings
 from depthprint.signature import GroundDistance, Signature
 from depthprint.sparse_coding import SparseModel, sparse_code
-from depthprint.views import make_view
+from depthprint.views import View, make_view
 
 __all__ = [
     "Encoding",
     "StreamModel",
     "cluster_vectors",
+    "cluster_views",
     "code_patches",
     "encode_clusters",
     "ground_distance",
@@ -74,10 +76,22 @@ def encode_clusters(
     mirror: bool = False,
 ) -> Clusters:
     """Range image -> view -> patches -> sparse model -> clusters."""
-    view = make_view(image, stream, settings, mirror)
-    patches = extract_patches(view, stream, settings.polar.full_circle and stream.view == "polar")
-    model = code_patches(patches, dictionary, stream)
-    return make_clusters(model, patches, dictionary.atoms, stream)
+    return cluster_views([make_view(image, stream, settings, mirror)], stream, settings, dictionary)[0]
+
+
+def cluster_views(
+    views: Sequence[View], stream: StreamSettings, settings: EncoderSettings, dictionary: Dictionary
+) -> list[Clusters]:
+    """Clusters of a stream's views, whose patches are coded together."""
+    wraps = settings.polar.full_circle and stream.view == "polar"
+    patches = [extract_patches(view, stream, wraps) for view in views]
+    if len(views) == 1:
+        models = [code_patches(patches[0], dictionary, stream)]
+    else:
+        together = _code(np.concatenate([p.vectors for p in patches]), dictionary, stream)
+        ends = np.cumsum([0, *(len(p.vectors) for p in patches)])
+        models = [together.rows(*pair) for pair in pairwise(ends.tolist())]
+    return [make_clusters(m, p, dictionary.atoms, stream) for m, p in zip(models, patches, strict=True)]
 
 
 def make_signature(
@@ -121,9 +135,16 @@ def ground_distance(stream: StreamSettings, settings: EncoderSettings) -> Ground
 
 def code_patches(patches: Patches, dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
     """Sparse models of patches, by the stream's pursuit; of pixels for atoms, the patches themselves."""
+    return _code(patches.vectors, dictionary, stream)
+
+
+def _code(vectors: npt.NDArray[np.float32], dictionary: Dictionary, stream: StreamSettings) -> SparseModel:
     if stream.dictionary == "pixels":
-        return _all_pixels(patches.vectors)
-    return sparse_code(patches.vectors, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
+        return _all_pixels(vectors)
+    busy = np.asarray(vectors.any(axis=1))
+    coded = vectors if busy.all() else vectors[busy]
+    model = sparse_code(coded, dictionary, algorithm=stream.pursuit, n_nonzero=stream.n_nonzero)
+    return model if coded is vectors else model.spread(busy)
 
 
 def _all_pixels(vectors: npt.NDArray[np.float32]) -> SparseModel:

@@ -12,17 +12,19 @@ from depthprint.baselines.compression import CompressionRecognizer
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.range_image import RangeImage
-from depthprint.signature import Signature, SignatureBatch
+from depthprint.signature import SignatureBatch
 
 __all__ = [
     "MirroredDistances",
     "compare_codes",
     "compare_complexities",
+    "compare_with_batches",
     "complexity_distances",
     "compression_distances",
     "cosine_distances",
     "pixel_distances",
     "relaxed_distances",
+    "signature_batches",
 ]
 
 FloatArray = npt.NDArray[np.float64]
@@ -68,27 +70,40 @@ def compare_complexities(
     progress: Progress | None = None,
 ) -> MirroredDistances:
     """Normalised information distances to views and to their mirror images, (n, m) or symmetric (n, n)."""
-    targets = queries if others is None else others
-    straight = _stream_sum(
-        encoder, _signatures(queries), None if others is None else _signatures(targets), progress
-    )
+    if others is not None:
+        return compare_with_batches(encoder, queries, signature_batches(others), progress)
+    straight = _stream_sum(encoder, signature_batches(queries), None, progress)
     if not encoder.settings.mirror:
         return MirroredDistances(straight)
-    mirrored = _signatures([q.mirrored for q in queries if q.mirrored is not None])
-    flipped = _stream_sum(encoder, mirrored, _signatures(targets), progress)
-    if others is None:
-        flipped = np.minimum(flipped, flipped.T)
-    return MirroredDistances(straight, flipped)
+    mirrored = signature_batches([q.mirrored for q in queries if q.mirrored is not None])
+    flipped = _stream_sum(encoder, mirrored, signature_batches(queries), progress)
+    return MirroredDistances(straight, np.minimum(flipped, flipped.T))
 
 
-def _signatures(encodings: Sequence[Encoding]) -> list[tuple[Signature, ...]]:
-    return [encoding.signatures for encoding in encodings]
+def compare_with_batches(
+    encoder: Encoder,
+    queries: Sequence[Encoding],
+    others: Sequence[SignatureBatch],
+    progress: Progress | None = None,
+) -> MirroredDistances:
+    """``compare_complexities`` with other views, whose signatures ``signature_batches`` brought together before."""
+    if not encoder.settings.mirror:
+        return MirroredDistances(_stream_sum(encoder, signature_batches(queries), others, progress))
+    sides = [*queries, *(q.mirrored for q in queries if q.mirrored is not None)]
+    both = _stream_sum(encoder, signature_batches(sides), others, progress)
+    return MirroredDistances(both[: len(queries)], both[len(queries) :])
+
+
+def signature_batches(encodings: Sequence[Encoding]) -> list[SignatureBatch]:
+    """Signatures of all views, stream by stream."""
+    streams = zip(*(encoding.signatures for encoding in encodings), strict=True)
+    return [SignatureBatch.stack(signatures) for signatures in streams]
 
 
 def _stream_sum(
     encoder: Encoder,
-    queries: Sequence[Sequence[Signature]],
-    others: Sequence[Sequence[Signature]] | None,
+    queries: Sequence[SignatureBatch],
+    others: Sequence[SignatureBatch] | None,
     progress: Progress | None,
 ) -> FloatArray:
     from depthprint.emd import difference_matrix
@@ -97,11 +112,9 @@ def _stream_sum(
     shifts = encoder.shifts()
     total: FloatArray | float = 0.0
     for number, stream in enumerate(encoder.settings.streams):
-        first = SignatureBatch.stack([q[number] for q in queries])
-        second = None if others is None else SignatureBatch.stack([o[number] for o in others])
         matrix = difference_matrix(
-            first,
-            second,
+            queries[number],
+            None if others is None else others[number],
             masses=stream.masses,
             ground=ground_distance(stream, encoder.settings),
             form=stream.form,

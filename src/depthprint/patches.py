@@ -47,23 +47,24 @@ def extract_patches(view: View, stream: StreamSettings, wraps: bool = False) -> 
             np.concatenate([a, a[..., : pw - 1]], axis=-1) for a in (channels, support, depth)
         )
     step = 1 if stream.atoms == "image" else stream.stride
-    windows = np.lib.stride_tricks.sliding_window_view(channels, (1, ph, pw))[:, ::step, ::step, 0]
-    rows, columns = windows.shape[1:3]
-    vectors = windows.transpose(1, 2, 0, 3, 4).reshape(rows * columns, -1, ph * pw).astype(np.float32)
-    covered = np.lib.stride_tricks.sliding_window_view(support, (ph, pw))[::step, ::step]
-    covered = covered.reshape(rows * columns, -1)
-    share = covered.mean(1)
+    from depthprint._kernels.patch_cutting import cut_patches
+
+    vectors, share, mean_depth = cut_patches(
+        np.ascontiguousarray(channels),
+        np.ascontiguousarray(support),
+        np.ascontiguousarray(depth),
+        ph,
+        pw,
+        step,
+    )
+    rows, columns = (support.shape[0] - ph) // step + 1, (support.shape[1] - pw) // step + 1
     if stream.centre:
         vectors -= vectors.mean(2, keepdims=True)
-    vectors[share == 0] = 0.0
-    local = np.lib.stride_tricks.sliding_window_view(depth, (ph, pw))[::step, ::step].reshape(
-        rows * columns, -1
-    )
-    mean_depth = (local * covered).sum(1) / np.maximum(covered.sum(1), 1)
+        vectors[share == 0] = 0.0
     x = np.arange(columns) * step + pw / 2
     y = np.arange(rows) * step + ph / 2
     centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     positions = centres / (width, height)
     if rows == 1:
         positions = positions[:, :1]
-    return Patches(vectors.reshape(rows * columns, -1), positions, mean_depth.astype(np.float64), centres)
+    return Patches(vectors.reshape(rows * columns, -1), positions, mean_depth, centres)

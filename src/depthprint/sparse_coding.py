@@ -70,6 +70,26 @@ class SparseModel:
         part = slice(self.indptr[index], self.indptr[index + 1])
         return self.indices[part], self.coefficients[part]
 
+    def rows(self, start: int, stop: int) -> SparseModel:
+        """The models of the signals from ``start`` to before ``stop``."""
+        entries = slice(self.indptr[start], self.indptr[stop])
+        return SparseModel(
+            self.indptr[start : stop + 1] - self.indptr[start],
+            self.indices[entries],
+            self.coefficients[entries],
+            self.residual_norms[start:stop],
+            self.n_atoms,
+        )
+
+    def spread(self, coded: npt.NDArray[np.bool_]) -> SparseModel:
+        """The models in the places where ``coded`` (m,) is true, and empty ones of zero signals elsewhere."""
+        if coded.shape != (len(coded),) or np.count_nonzero(coded) != len(self):
+            raise DataError(f"SparseModel.spread: expected {len(self)} places, got {np.count_nonzero(coded)}")
+        indptr = self.indptr[np.concatenate([[0], np.cumsum(coded)])]
+        residual_norms = np.zeros(len(coded), dtype=self.residual_norms.dtype)
+        residual_norms[coded] = self.residual_norms
+        return SparseModel(indptr, self.indices, self.coefficients, residual_norms, self.n_atoms)
+
     def to_dense(self) -> npt.NDArray[Any]:
         """Coefficients as an (n, n_atoms) array, zero where an atom was not picked."""
         dense = np.zeros((len(self), self.n_atoms), dtype=self.coefficients.dtype)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,11 @@ from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
 from depthprint.baselines.kernel_descriptors.match_features import (
     Vocabulary,
     learn_vocabulary,
-    match_features,
+    match_rows,
     power_transform,
 )
-from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, mirrored_image
+from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, depth_and_points
+from depthprint.baselines.kernel_descriptors.spin import PATCH_PX
 from depthprint.errors import DepthprintError, ModelError, SettingsError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
 from depthprint.object_kernels import unit_rows
@@ -30,9 +32,10 @@ Progress = Callable[[int, int], None]
 
 FORMAT = "depthprint surface words"
 FORMAT_VERSION = 2
+POINTS_MARGIN_PX = 20
 # Kinds whose patches are centred all over the object, however thin it is: chosen on objects of training folds, where
 # patterns did better on the crop as it comes.
-MARGINS_PX = {"gradient": 12, "spin": 20, "size": 20}
+MARGINS_PX = {"gradient": 12, "spin": POINTS_MARGIN_PX, "size": POINTS_MARGIN_PX}
 SHIPPED = Path(__file__).parent / "models" / "object-surfaces.npz"
 
 
@@ -73,22 +76,40 @@ class SurfaceWords:
         other than pinhole images.
         Source: Bo, Ren and Fox, NIPS 2010 and IROS 2011; power transform as their classifier has it.
         """
-        turned = [mirrored_image(image) for image in images] if mirror else []
-        straight, mirrored = [], []
-        for number, (kind, vocabulary) in enumerate(self.vocabularies.items()):
+        from depthprint._kernels.blocks import for_blocks
 
-            def report(done: int, _: int, before: int = number * len(images)) -> None:
-                if progress is not None:
-                    progress(before + done, len(self.vocabularies) * len(images))
+        rows = np.empty((1 + mirror, len(images), self.n_features), dtype=np.float32)
 
-            crops = _describe(images, kind, report)
-            straight.append(_unit_features(crops, vocabulary))
-            if mirror:
-                free = KINDS[kind].mirror_free
-                flipped = [crop.mirrored() for crop in crops] if free else _describe(turned, kind)
-                mirrored.append(_unit_features(flipped, vocabulary))
-        whole = unit_rows(np.concatenate(straight, axis=1))
-        return whole, unit_rows(np.concatenate(mirrored, axis=1)) if mirror else whole
+        def block(start: int, stop: int) -> None:
+            for number in range(start, stop):
+                parts = [self.part(images[number], kinds, mirror) for kinds in self.groups]
+                rows[:, number] = self.joined(parts)
+
+        for_blocks(len(images), 8, block, progress)
+        straight = rows[0]
+        return straight, rows[1] if mirror else straight
+
+    @property
+    def groups(self) -> list[tuple[str, ...]]:
+        """Kinds that have work in common, which ``part`` does once."""
+        apart = [(kind,) for kind in self.vocabularies if KINDS[kind].of_points is None]
+        of_points = tuple(kind for kind in self.vocabularies if KINDS[kind].of_points is not None)
+        return [*apart, *([of_points] if of_points else [])]
+
+    def part(self, image: RangeImage, kinds: Sequence[str], mirror: bool) -> list[Float32Array]:
+        """Unit vectors (1 or 2, d) by kinds of one group, of an image and of its mirror image where asked for."""
+        described = _described(image, kinds, mirror)
+        return [_unit_features(described[kind], self.vocabularies[kind]) for kind in kinds]
+
+    def joined(self, parts: Sequence[Sequence[Float32Array]]) -> Float32Array:
+        """Unit vectors (1 or 2, d) of an image from what ``part`` gave for each of ``groups``."""
+        rows = dict(zip([kind for kinds in self.groups for kind in kinds], chain(*parts), strict=True))
+        return unit_rows(np.concatenate([rows[kind] for kind in self.vocabularies], axis=1))
+
+    @property
+    def n_features(self) -> int:
+        """Length of a view's vector."""
+        return sum(vocabulary.n_features for vocabulary in self.vocabularies.values())
 
     def parts(self) -> tuple[dict[str, float], dict[str, npt.NDArray[np.float32]]]:
         """What a file holds of the words: widths of the match kernels, and words (w, k), by kind."""
@@ -119,7 +140,29 @@ class SurfaceWords:
 
 
 def _unit_features(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) -> Float32Array:
-    return unit_rows(power_transform(match_features(crops, vocabulary)))
+    return unit_rows(power_transform(match_rows(crops, vocabulary)))
+
+
+def _described(
+    image: RangeImage, kinds: Sequence[str], mirror: bool
+) -> dict[str, Sequence[PatchDescriptors]]:
+    """Descriptors of an image, and of its mirror image where asked for, by kind."""
+    found: dict[str, Sequence[PatchDescriptors]] = {}
+    geometry: tuple[Float32Array, npt.NDArray[np.float64]] | None = None
+    for name in kinds:
+        kind, margin_px = KINDS[name], MARGINS_PX.get(name)
+        if kind.of_points is not None:
+            if geometry is None:
+                geometry = depth_and_points(_framed(image, POINTS_MARGIN_PX), PATCH_PX, masked=True)
+            straight = kind.of_points(*geometry)
+            found[name] = (straight, straight.mirrored())[: 1 + mirror]
+            continue
+        framed = image if margin_px is None else _framed(image, margin_px)
+        if mirror and kind.describe_pair is not None:
+            found[name] = kind.describe_pair(framed, True)
+        else:
+            found[name] = (kind.describe(framed, True),)
+    return found
 
 
 def _describe(

@@ -122,7 +122,7 @@ class TrainedRecogniser:
         images = [views] if isinstance(views, RangeImage) else list(views)
         if not images:
             raise DataError("recognise: expected a view or several of one object, got none")
-        features = self.stored.describe(self.encoder, self.encoder.describe_many(images), images)
+        features = self.stored.encode_and_describe(self.encoder, images)
         comparison = features.compared_with(self.stored.views)
         distances = comparison.distances[0]
         scores = self._fused.scores(comparison).mean(axis=0)

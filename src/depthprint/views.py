@@ -13,7 +13,7 @@ from depthprint.range_image import RangeImage
 from depthprint.resampling import fill_holes, resample
 from depthprint.settings import EncoderSettings, StreamSettings
 
-__all__ = ["View", "make_view"]
+__all__ = ["View", "make_view", "make_views", "mirrored_view"]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -35,48 +35,84 @@ class View:
 def make_view(
     image: RangeImage, stream: StreamSettings, settings: EncoderSettings, mirror: bool = False
 ) -> View:
-    """Compute the view that a stream codes; ``mirror`` flips it left to right first.
+    """Compute the view that a stream codes; ``mirror`` flips it left to right.
 
     Raises DataError, naming the frame, when the image has no valid pixel.
     """
+    view = _make_view(image, stream, settings, {})
+    return mirrored_view(view, stream) if mirror else view
+
+
+def make_views(image: RangeImage, settings: EncoderSettings) -> list[View]:
+    """The views of all streams in order, as ``make_view`` has them; what they share is computed once."""
+    surfaces: dict[tuple[int, float], _Surface] = {}
+    return [_make_view(image, stream, settings, surfaces) for stream in settings.streams]
+
+
+def mirrored_view(view: View, stream: StreamSettings) -> View:
+    """The view of the mirrored image: left and right exchanged, and the normals' sideways part turned round."""
+    channels = view.channels[:, :, ::-1].copy()
+    if stream.view == "normals":
+        np.negative(channels[0], out=channels[0])
+    depth = None if view.depth is None else np.ascontiguousarray(view.depth[:, ::-1])
+    return View(channels, np.ascontiguousarray(view.support[:, ::-1]), depth)
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Smoothed depth (h, w) in metres, where it is known, metres a pixel, and depth relative to its median."""
+
+    z: npt.NDArray[np.float64]
+    support: npt.NDArray[np.bool_]
+    pixel: npt.NDArray[np.float64]
+    relative: npt.NDArray[np.float64]
+
+
+def _make_view(
+    image: RangeImage,
+    stream: StreamSettings,
+    settings: EncoderSettings,
+    surfaces: dict[tuple[int, float], _Surface],
+) -> View:
     image.require_returns()
     if stream.view == "polar":
         channels = polar_view(image, settings.polar, stream.channels)
-        if mirror:
-            channels = channels[:, :, ::-1]
         return View(np.ascontiguousarray(channels), np.ones(channels.shape[1:], dtype=bool))
     if stream.view == "raw-depth":
         depth = fill_holes(resample(image, stream.size, stream.size).ranges_m)
         # A planar scan is one row: repeated, it is an image that whole-image atoms can code.
         depth = np.broadcast_to(depth, (stream.size, stream.size))
-        if mirror:
-            depth = depth[:, ::-1]
         channels = np.ascontiguousarray(depth[None], dtype=np.float32)
         return View(channels, np.ones(depth.shape, dtype=bool), channels[0])
-    return _surface_view(image, stream, mirror)
+    key = (stream.size, stream.smoothing)
+    if key not in surfaces:
+        surfaces[key] = _smoothed_surface(image, *key)
+    return _surface_view(surfaces[key], stream)
 
 
-def _surface_view(image: RangeImage, stream: StreamSettings, mirror: bool) -> View:
-    """Relative depth or surface normals, of the masked object or of the whole frame, halved in size."""
+def _smoothed_surface(image: RangeImage, size: int, smoothing: float) -> _Surface:
+    """The masked object, or the whole frame, on a grid of twice the view's size."""
     if image.mask is None:
-        z, support, pixel = _frame_scene(image, stream.size)
+        z, support, pixel = _frame_scene(image, size)
     else:
-        z, support, pixel = _frame_object(image, stream.size)
-    z = _smooth(z, support, stream.smoothing)
-    if mirror:
-        z, support, pixel = z[:, ::-1], support[:, ::-1], pixel[:, ::-1]
+        z, support, pixel = _frame_object(image, size)
+    z = _smooth(z, support, smoothing)
     # Metres for a scene: moving towards it then only adds a constant. An object has a size of its own.
     scale = 1.0 if image.mask is None else float(np.median(pixel[support])) * max(z.shape)
-    relative = np.where(support, (np.median(z[support]) - z) / scale, 0.0)
-    if stream.view == "depth":
-        channels = relative[None]
-    else:
+    return _Surface(z, support, pixel, np.where(support, (np.median(z[support]) - z) / scale, 0.0))
+
+
+def _surface_view(surface: _Surface, stream: StreamSettings) -> View:
+    """Relative depth or surface normals, halved in size."""
+    z, support = surface.z, surface.support
+    relative = _halve(surface.relative[None]).astype(np.float32)
+    channels = relative
+    if stream.view != "depth":
         gy, gx = np.gradient(z)
-        normals = np.stack([gx / pixel, gy / pixel, np.ones_like(z)])
-        channels = normals / np.linalg.norm(normals, axis=0)
-        channels = np.where(support, channels, 0.0)
-    channels, relative, support = _halve(channels), _halve(relative[None])[0], _halve_mask(support)
-    return View(channels.astype(np.float32), support, relative.astype(np.float32))
+        normals = np.stack([gx / surface.pixel, gy / surface.pixel, np.ones_like(z)])
+        normals /= np.sqrt(normals[0] ** 2 + normals[1] ** 2 + 1.0)
+        channels = _halve(np.where(support, normals, 0.0)).astype(np.float32)
+    return View(channels, _halve_mask(support), relative[0])
 
 
 def _frame_scene(
@@ -114,7 +150,8 @@ def _frame_object(
     rows_at = np.minimum(((np.arange(height) + 0.5) * z.shape[0] / height).astype(int), z.shape[0] - 1)
     columns_at = np.minimum(((np.arange(width) + 0.5) * z.shape[1] / width).astype(int), z.shape[1] - 1)
     filled = fill_holes(z.astype(np.float32)).astype(np.float64)
-    framed = np.full((size, size), float(np.nanmedian(z)))
+    middle = float(np.median(z[np.isfinite(z)]))
+    framed = np.full((size, size), middle)
     support = np.zeros((size, size), dtype=bool)
     y0, x0 = (size - height) // 2, (size - width) // 2
     framed[y0 : y0 + height, x0 : x0 + width] = filled[np.ix_(rows_at, columns_at)]
@@ -122,7 +159,7 @@ def _frame_object(
     if not support.any():
         support[y0 : y0 + height, x0 : x0 + width] = True
     focal = float(getattr(image.projection, "fx", 1.0))
-    pixel = np.full((size, size), float(np.nanmedian(z)) * step / focal)
+    pixel = np.full((size, size), middle * step / focal)
     return framed, support, pixel
 
 
@@ -140,10 +177,14 @@ def _smooth(
 
 
 def _halve(channels: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    c, h, w = channels.shape
-    return np.asarray(channels[:, : h // 2 * 2, : w // 2 * 2].reshape(c, h // 2, 2, w // 2, 2).mean((2, 4)))
+    _, h, w = channels.shape
+    even = channels[:, : h // 2 * 2, : w // 2 * 2]
+    pairs = even[:, ::2] + even[:, 1::2]
+    return np.asarray((pairs[:, :, ::2] + pairs[:, :, 1::2]) / 4)
 
 
 def _halve_mask(support: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     h, w = support.shape
-    return np.asarray(support[: h // 2 * 2, : w // 2 * 2].reshape(h // 2, 2, w // 2, 2).any((1, 3)))
+    even = support[: h // 2 * 2, : w // 2 * 2]
+    pairs = even[::2] | even[1::2]
+    return np.asarray(pairs[:, ::2] | pairs[:, 1::2])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
-from typing import Any
 
 import numba
 import numpy as np
@@ -24,10 +24,32 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Hold BLAS to one thread: its rounding depends on how many it uses."""
-    limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
-    return limit
+class _Held(threading.local):
+    """How many times the calling thread, or the one that it works for, holds BLAS to one thread."""
+
+    times = 0
+
+
+_held = _Held()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: its rounding depends on how many it uses. Within another such block nothing to do."""
+    if _held.times:
+        yield
+        return
+    with _controller().limit(limits=1, user_api="blas"), _holding():
+        yield
+
+
+@contextmanager
+def _holding() -> Iterator[None]:
+    _held.times += 1
+    try:
+        yield
+    finally:
+        _held.times -= 1
 
 
 def for_blocks(
@@ -55,17 +77,22 @@ def for_blocks(
                     progress(stop, n_rows)
             return
         pool = ThreadPoolExecutor(workers)
+
+        def work_held(start: int, stop: int) -> None:
+            with _holding():
+                work(start, stop)
+
         try:
             remaining = iter(starts)
             pending: deque[tuple[int, Future[None]]] = deque()
             for start in islice(remaining, 4 * workers):
-                pending.append((start, pool.submit(work, start, min(start + block_rows, n_rows))))
+                pending.append((start, pool.submit(work_held, start, min(start + block_rows, n_rows))))
             while pending:
                 start, future = pending.popleft()
                 future.result()
                 for following in islice(remaining, 1):
                     stop = min(following + block_rows, n_rows)
-                    pending.append((following, pool.submit(work, following, stop)))
+                    pending.append((following, pool.submit(work_held, following, stop)))
                 if progress is not None:
                     progress(min(start + block_rows, n_rows), n_rows)
         finally:

@@ -24,13 +24,13 @@ def spin_coordinates(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]:
     """Cosine to the centre's normal, distance along it and across it, of points within ``radius`` of the centre.
 
-    The pixels of a patch are visited in ``order`` and the first ``most`` points taken: (patches, most, 3), counts.
-    Points and centres without a normal are passed over.
+    The pixels of a patch are visited in ``order`` and the first ``most`` points taken: those of all patches one after
+    another (n, 3), and how many each has. Points and centres without a normal are passed over.
     """
-    coordinates = np.zeros((len(rows) * len(columns), most, 3), dtype=np.float32)
+    coordinates = np.empty((len(rows) * len(columns) * most, 3), dtype=np.float32)
     counts = np.zeros(len(rows) * len(columns), dtype=np.int64)
     half = patch // 2
-    number = -1
+    number, used = -1, 0
     for top in rows:
         for left in columns:
             number += 1
@@ -51,14 +51,15 @@ def spin_coordinates(
                     continue
                 along = axis[0] * dx + axis[1] * dy + axis[2] * dz
                 cosine = axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2]
-                coordinates[number, n, 0] = min(1.0, max(-1.0, cosine))
-                coordinates[number, n, 1] = along
-                coordinates[number, n, 2] = np.sqrt(max(squared - along * along, 0.0))
+                coordinates[used + n, 0] = min(1.0, max(-1.0, cosine))
+                coordinates[used + n, 1] = along
+                coordinates[used + n, 2] = np.sqrt(max(squared - along * along, 0.0))
                 n += 1
                 if n == most:
                     break
             counts[number] = n
-    return coordinates, counts
+            used += n
+    return coordinates[:used], counts
 
 
 @njit(cache=True, nogil=True)
@@ -69,19 +70,29 @@ def mean_distance_shares(centres: FloatArray, cloud: FloatArray, step: float, n_
     weights times values at the nodes interpolate what is smooth; one beyond the last nodes has none.
     """
     shares = np.zeros((len(centres), n_nodes))
+    n = len(cloud)
+    x, y, z = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
+    places = np.empty(n)
+    # Two sums take turns, so that equal distances one after another need not wait for each other.
+    halves = np.empty((2, n_nodes))
     for i in range(len(centres)):
-        share = shares[i]
-        for p in range(len(cloud)):
-            squared = 0.0
-            for axis in range(3):
-                squared += (centres[i, axis] - cloud[p, axis]) ** 2
-            place = np.sqrt(squared) / step
-            if place >= n_nodes - 3:
+        cx, cy, cz = centres[i, 0], centres[i, 1], centres[i, 2]
+        for p in range(n):
+            dx, dy, dz = cx - x[p], cy - y[p], cz - z[p]
+            places[p] = np.sqrt(dx * dx + dy * dy + dz * dz) / step
+        halves[:] = 0.0
+        for p in range(n):
+            if places[p] >= n_nodes - 3:
                 continue
-            k = int(place)
-            t = place - k
-            share[k] -= t * (t - 1.0) * (t - 2.0) / 6.0
-            share[k + 1] += (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
-            share[k + 2] -= (t + 1.0) * t * (t - 2.0) / 2.0
-            share[k + 3] += (t + 1.0) * t * (t - 1.0) / 6.0
-    return shares / len(cloud)
+            share = halves[p & 1]
+            node = np.uint64(places[p])
+            t = places[p] - node
+            u, v, w = t + 1.0, t - 1.0, t - 2.0
+            outer, inner = t * v * (1.0 / 6.0), u * w * 0.5
+            share[node] -= outer * w
+            share[node + np.uint64(1)] += inner * v
+            share[node + np.uint64(2)] -= inner * t
+            share[node + np.uint64(3)] += outer * u
+        for k in range(n_nodes):
+            shares[i, k] = (halves[0, k] + halves[1, k]) / n
+    return shares

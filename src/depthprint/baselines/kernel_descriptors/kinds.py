@@ -5,37 +5,50 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from depthprint.baselines.kernel_descriptors.gradient import gradient_descriptors
-from depthprint.baselines.kernel_descriptors.lbp import lbp_descriptors
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.baselines.kernel_descriptors.gradient import gradient_descriptors, gradient_pair
+from depthprint.baselines.kernel_descriptors.lbp import lbp_descriptors, lbp_pair
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
-from depthprint.baselines.kernel_descriptors.size import size_descriptors
-from depthprint.baselines.kernel_descriptors.spin import spin_descriptors
+from depthprint.baselines.kernel_descriptors.size import size_descriptors, size_of_points
+from depthprint.baselines.kernel_descriptors.spin import spin_descriptors, spin_of_points
 from depthprint.errors import SettingsError
 from depthprint.range_image import RangeImage
 
 __all__ = ["KINDS", "DescriptorKind", "describe_crops", "descriptor_kind"]
 
 Progress = Callable[[int, int], None]
+Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+Pair = tuple[PatchDescriptors, PatchDescriptors]
 
 
 @dataclass(frozen=True)
 class DescriptorKind:
     """One descriptor.
 
-    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. mirror_free: made of
-    distances and angles alone, which a mirror leaves as they are.
+    describe: (image, masked) -> descriptors. match_gamma: width of the efficient match kernel. describe_pair:
+    (image, masked) -> those of the image and of its mirror image; None where descriptors are made of distances and
+    angles alone, which a mirror leaves as they are. These are described from points: (depth, points) -> descriptors.
     """
 
     describe: Callable[[RangeImage, bool], PatchDescriptors]
     match_gamma: float
-    mirror_free: bool
+    describe_pair: Callable[[RangeImage, bool], Pair] | None = None
+    of_points: Callable[[Float32Array, FloatArray], PatchDescriptors] | None = None
+
+    @property
+    def mirror_free(self) -> bool:
+        """Whether the descriptors of a mirror image are those of the image."""
+        return self.describe_pair is None
 
 
 KINDS = {
-    "gradient": DescriptorKind(gradient_descriptors, 0.001, mirror_free=False),
-    "lbp": DescriptorKind(lbp_descriptors, 0.1, mirror_free=False),
-    "spin": DescriptorKind(spin_descriptors, 0.1, mirror_free=True),
-    "size": DescriptorKind(size_descriptors, 1.0, mirror_free=True),
+    "gradient": DescriptorKind(gradient_descriptors, 0.001, gradient_pair),
+    "lbp": DescriptorKind(lbp_descriptors, 0.1, lbp_pair),
+    "spin": DescriptorKind(spin_descriptors, 0.1, of_points=spin_of_points),
+    "size": DescriptorKind(size_descriptors, 1.0, of_points=size_of_points),
 }
 
 

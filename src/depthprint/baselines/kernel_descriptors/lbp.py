@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_kernel, grid_basis
-from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, crop_depth
+from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors, crop_depth, mirrored_image
 from depthprint.baselines.kernel_descriptors.pooled_patches import PATCH_PX, SPATIAL_AXIS, describe_patterns
 from depthprint.range_image import RangeImage
 
-__all__ = ["binary_patterns", "lbp_descriptors", "lbp_kernel"]
+__all__ = ["binary_patterns", "lbp_descriptors", "lbp_kernel", "lbp_pair"]
 
 DIMS = 200
 PATTERN_GAMMA = 3.0
@@ -33,27 +33,30 @@ def lbp_kernel() -> MatchKernel:
 
 
 @lru_cache(maxsize=1)
-def _pattern_table() -> npt.NDArray[np.float32]:
-    """Kernel of each pattern, by its number, against the basis, in its span: (256, p)."""
-    patterns = lbp_kernel().attribute
-    kernels = gaussian_kernel(patterns, patterns, PATTERN_GAMMA)
-    return (kernels @ lbp_kernel().attribute_span).astype(np.float32)
+def _projected_patterns() -> npt.NDArray[np.float32]:
+    """What a unit of each pattern, by its number, adds to the descriptor: (q 256, 200)."""
+    kernel = lbp_kernel()
+    table = gaussian_kernel(kernel.attribute, kernel.attribute, PATTERN_GAMMA) @ kernel.attribute_span
+    projected = np.einsum("tp,pqk->qtk", table, kernel.core.astype(np.float64), optimize=True)
+    return np.ascontiguousarray(projected, dtype=np.float32).reshape(-1, DIMS)
+
+
+@lru_cache(maxsize=1)
+def _mirrored_patterns() -> npt.NDArray[np.int32]:
+    """Number of the mirrored pattern of each, (256,)."""
+    bits = (np.arange(256)[:, None] >> np.arange(7, -1, -1)) & 1
+    seen = [NEIGHBOURS.index((row, 2 - column)) for row, column in NEIGHBOURS]
+    return np.asarray(bits[:, seen] @ (1 << np.arange(7, -1, -1)), dtype=np.int32)
 
 
 def binary_patterns(
     depth: npt.NDArray[np.float32],
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
     """Number of each pixel's pattern, the first neighbour its highest bit, and the deviation of the 9 depths."""
-    height, width = depth.shape
-    padded = np.pad(depth, 1)
-    around = [padded[r : r + height, c : c + width] for r, c in NEIGHBOURS]
-    numbers = np.zeros(depth.shape, dtype=np.int64)
-    for neighbour in around:
-        numbers = 2 * numbers + (neighbour >= depth)
-    depths = [side.astype(np.float64) for side in (depth, *around)]
-    mean = sum(depths) / len(depths)
-    deviation = np.sqrt(sum((side - mean) ** 2 for side in depths) / (len(depths) - 1))
-    return numbers, np.asarray(deviation, dtype=np.float32)
+    from depthprint._kernels.pixel_patterns import pixel_patterns
+
+    numbers, deviation = pixel_patterns(np.pad(depth, 1))
+    return numbers, deviation
 
 
 def lbp_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors:
@@ -61,6 +64,19 @@ def lbp_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptors
 
     Source: Bo, Ren and Fox 2010, section 3, on depth as in their 2011 paper.
     """
-    depth = crop_depth(image, PATCH_PX, masked)
-    numbers, deviation = binary_patterns(depth)
-    return describe_patterns(numbers, _pattern_table(), deviation, lbp_kernel())
+    return _described(*binary_patterns(crop_depth(image, PATCH_PX, masked)))
+
+
+def lbp_pair(image: RangeImage, masked: bool = False) -> tuple[PatchDescriptors, PatchDescriptors]:
+    """Descriptors of an image and of its mirror image, whose patterns are the same with neighbours exchanged."""
+    numbers, deviation = binary_patterns(crop_depth(image, PATCH_PX, masked))
+    straight = _described(numbers, deviation)
+    # An image narrower than a patch has margins, which need not be the same on both sides.
+    if image.shape[1] < PATCH_PX:
+        return straight, lbp_descriptors(mirrored_image(image), masked)
+    turned = _mirrored_patterns()[numbers[:, ::-1]]
+    return straight, _described(turned, np.ascontiguousarray(deviation[:, ::-1]))
+
+
+def _described(numbers: npt.NDArray[np.int32], deviation: npt.NDArray[np.float32]) -> PatchDescriptors:
+    return describe_patterns(numbers, _projected_patterns(), deviation, lbp_kernel())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from depthprint.baselines.kernel_descriptors.match_kernel import gaussian_produc
 from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors
 from depthprint.errors import DataError, SettingsError
 
-__all__ = ["PYRAMID", "Vocabulary", "learn_vocabulary", "match_features", "power_transform"]
+__all__ = ["PYRAMID", "Vocabulary", "learn_vocabulary", "match_features", "match_rows", "power_transform"]
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -23,6 +24,7 @@ KMEANS_STEPS = 50
 # Added to the words' kernel matrix, which near words make singular.
 RIDGE = 1e-6
 POWER = 0.3
+_LEVELS = np.array(PYRAMID)
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,21 @@ class Vocabulary:
         for array in (centres, whitening):
             array.setflags(write=False)
         return cls(centres, float(gamma), whitening)
+
+    def responses(self, vectors: npt.NDArray[np.float32]) -> FloatArray:
+        """Match kernel (m, w) of descriptors (m, k) with the words."""
+        squares, factors = self._factors
+        points = vectors.astype(np.float64)
+        exponents = points @ factors
+        exponents -= self.gamma * (points * points).sum(1)[:, None]
+        exponents -= squares
+        np.minimum(exponents, 0.0, out=exponents)
+        return np.asarray(np.exp(exponents, out=exponents))
+
+    @cached_property
+    def _factors(self) -> tuple[FloatArray, FloatArray]:
+        """What the words alone add to the exponents, (w,), and what they are multiplied by, (k, w)."""
+        return self.gamma * (self.words**2).sum(1), np.ascontiguousarray(2 * self.gamma * self.words.T)
 
     @property
     def n_features(self) -> int:
@@ -103,19 +120,28 @@ def match_features(
     """
     from depthprint._kernels.blocks import for_blocks
 
-    level_weights = np.array([1.0 / n**2 for n in PYRAMID])
-    level_weights /= level_weights.sum()
-    weights = np.repeat(level_weights, [n * n for n in PYRAMID])
-    n_words = len(vocabulary.words)
-    features = np.zeros((len(crops), vocabulary.n_features), dtype=np.float32)
+    features = np.empty((len(crops), vocabulary.n_features), dtype=np.float32)
 
     def block(start: int, stop: int) -> None:
-        means = np.stack([_cell_means(crop, vocabulary) for crop in crops[start:stop]])
-        cells = means.reshape(-1, n_words) @ vocabulary.whitening.T
-        features[start:stop] = (cells.reshape(means.shape) * weights[:, None]).reshape(stop - start, -1)
+        features[start:stop] = match_rows(crops[start:stop], vocabulary)
 
     for_blocks(len(crops), 16, block, progress)
     return features
+
+
+def match_rows(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) -> npt.NDArray[np.float32]:
+    """``match_features`` of a few crops on the calling thread."""
+    means = _cell_means(crops, vocabulary)
+    cells = means.reshape(-1, means.shape[2]) @ vocabulary.whitening.T
+    weighed = cells.reshape(means.shape) * _level_weights()[:, None]
+    return weighed.reshape(len(crops), -1).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _level_weights() -> FloatArray:
+    """Weight of each cell of the pyramid, (14,)."""
+    weights = np.array([1.0 / n**2 for n in PYRAMID])
+    return np.repeat(weights / weights.sum(), [n * n for n in PYRAMID])
 
 
 def power_transform(features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -126,22 +152,17 @@ def power_transform(features: npt.NDArray[np.float32]) -> npt.NDArray[np.float32
     return powers
 
 
-def _cell_means(crop: PatchDescriptors, vocabulary: Vocabulary) -> FloatArray:
-    """Mean response (14, w) of the descriptors kept in each cell."""
-    n_cells, n_words = sum(n * n for n in PYRAMID), len(vocabulary.words)
-    if not len(crop.vectors):
-        return np.zeros((n_cells, n_words))
-    response = gaussian_products(crop.vectors.astype(np.float64), vocabulary.words, vocabulary.gamma)
-    word = response.argmax(1)
-    # Most responding first, so that the first of a cell and word is the one to keep.
-    order = np.argsort(-response[np.arange(len(word)), word], kind="stable")
-    kept = np.zeros((n_cells, len(word)))
-    first_cell = 0
-    for n in PYRAMID:
-        column, row = np.minimum((crop.positions * n).astype(np.int64), n - 1).T
-        cell = first_cell + n * row + column
-        chosen = order[np.unique((cell * n_words + word)[order], return_index=True)[1]]
-        kept[cell[chosen], chosen] = 1.0
-        first_cell += n * n
-    counts = kept.sum(1, keepdims=True)
-    return np.asarray(kept @ response / np.maximum(counts, 1.0))
+def _cell_means(crops: Sequence[PatchDescriptors], vocabulary: Vocabulary) -> FloatArray:
+    """Mean response (n, 14, w) of the descriptors kept in each cell of each crop."""
+    from depthprint._kernels.kept_responses import kept_means
+
+    # Those of a mirror image may be the very same vectors at other places.
+    vectors = list({id(crop.vectors): crop.vectors for crop in crops}.values())
+    ends = np.cumsum([len(v) for v in vectors])[:-1]
+    found = np.split(vocabulary.responses(np.concatenate(vectors)), ends) if vectors else []
+    responses = {id(v): rows for v, rows in zip(vectors, found, strict=True)}
+    means = []
+    for crop in crops:
+        columns, rows = crop.positions.T
+        means.append(kept_means(responses[id(crop.vectors)], columns, rows, _LEVELS))
+    return np.stack(means)

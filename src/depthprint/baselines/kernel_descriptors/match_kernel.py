@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,6 +25,8 @@ _EQUAL = 1e-9
 _MAIN = 0.593
 # Directions have a part below this outside the span that is kept of either basis: single precision rounds off more.
 _SPANNED = 1e-6
+# Numbers in single precision that a processor handles at once.
+_LANES = 16
 
 
 def gaussian_kernel(points: FloatArray, basis: FloatArray, gamma: float) -> FloatArray:
@@ -163,6 +166,23 @@ class MatchKernel:
         for array in (attribute, spatial, *derived):
             array.setflags(write=False)
         return cls(attribute, spatial, attribute_gamma, spatial_gamma, *derived)
+
+    def padded(self, kernels: Float32Array) -> Float32Array:
+        """Kernels (n, p) in the attribute's span with columns of zeros, up to a width that processors are made for."""
+        p = kernels.shape[1]
+        return np.pad(kernels, ((0, 0), (0, -p % _LANES)))
+
+    @cached_property
+    def _core_by_place(self) -> Float32Array:
+        """The core (q p, k), places first, with the zeros of ``padded``."""
+        p, _, k = self.core.shape
+        core = np.pad(self.core, ((0, -p % _LANES), (0, 0), (0, 0)))
+        return np.ascontiguousarray(core.transpose(1, 0, 2)).reshape(-1, k)
+
+    def project_places(self, sums: Float32Array) -> Float32Array:
+        """Descriptors (n, k) of sums (n, s, p): in the padded span, against each point of the spatial basis."""
+        spanned = self.spatial_span.T @ sums
+        return np.asarray(spanned.reshape(len(sums), len(self._core_by_place)) @ self._core_by_place)
 
     def project(self, sums: Float32Array) -> Float32Array:
         """Descriptors (n, k) of sums (n, p, q) float32 of kernel evaluations, each in its basis' span."""

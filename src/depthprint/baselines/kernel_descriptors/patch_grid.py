@@ -74,11 +74,14 @@ def depth_and_points(
     """``crop_depth``, and the points (h, w, 3) of the camera, zero for no return. Raises as it does."""
     known = _known_pixels(image, masked)
     points = np.where(known[..., None], image.points(), np.float32(0.0)).astype(np.float64)
-    return _known_depth(image, known, patch), np.pad(points, [*_margins(image.shape, patch), (0, 0)])
+    if min(image.shape) < patch:
+        points = np.pad(points, [*_margins(image.shape, patch), (0, 0)])
+    return _known_depth(image, known, patch), points
 
 
 def _known_depth(image: RangeImage, known: npt.NDArray[np.bool_], patch: int) -> npt.NDArray[np.float32]:
-    return np.pad(np.where(known, image.ranges_m, np.float32(0.0)), _margins(image.shape, patch))
+    depth = np.where(known, image.ranges_m, np.float32(0.0))
+    return np.pad(depth, _margins(image.shape, patch)) if min(image.shape) < patch else depth
 
 
 def _known_pixels(image: RangeImage, masked: bool) -> npt.NDArray[np.bool_]:
@@ -102,9 +105,10 @@ def centre_positions(
     rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], patch: int, shape: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
     """Centres of all patches, row by row, as shares of the extent: (rows * columns, 2)."""
-    x = (columns + patch / 2) / shape[1]
-    y = (rows + patch / 2) / shape[0]
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(np.float32)
+    places = np.empty((len(rows), len(columns), 2), dtype=np.float32)
+    places[:, :, 0] = (columns + patch / 2) / shape[1]
+    places[:, :, 1] = ((rows + patch / 2) / shape[0])[:, None]
+    return places.reshape(-1, 2)
 
 
 def mirrored_image(image: RangeImage) -> RangeImage:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,6 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
 __all__ = ["PATCH_PX", "SPATIAL_AXIS", "describe_patches", "describe_patterns"]
 
 Float32Array = npt.NDArray[np.float32]
-Value = TypeVar("Value", bound=np.generic)
 
 PATCH_PX = 16
 SPATIAL_AXIS = np.linspace(0.0, 1.0, 5)
@@ -26,60 +25,61 @@ LEAST_NORM = 0.8
 
 
 def describe_patches(
-    attribute_kernels: Float32Array, magnitude: Float32Array, kernel: MatchKernel
+    numbers: npt.NDArray[np.int32], kernels: Float32Array, magnitude: Float32Array, kernel: MatchKernel
 ) -> PatchDescriptors:
     """Descriptors of the patches of a crop.
 
-    attribute_kernels: (h, w, p), each pixel's attribute against the basis, in its span. magnitude: (h, w) weights of
-    the pixels, scaled by patch to unit norm. The kernel's spatial basis is the square of SPATIAL_AXIS, rows first.
+    numbers: (h, w) rows of ``kernels`` (n, p), each pixel's attribute against the basis, in its span; the first is
+    that of pixels without any. magnitude: (h, w) weights of the pixels, scaled by patch to unit norm. The kernel's
+    spatial basis is the square of SPATIAL_AXIS, rows first.
     """
-    weighed = _patch_weights(magnitude)[:, :, None] * _position_kernels(kernel)
-    sums = np.swapaxes(_patches(attribute_kernels), 1, 2) @ weighed
-    return PatchDescriptors(kernel.project(sums), _positions(magnitude.shape))
+    from depthprint._kernels.patch_sums import patch_sums
+
+    axis = _axis_kernels(kernel.spatial_gamma)
+    tops, lefts = patch_corners(magnitude.shape, PATCH_PX)
+    sums, squares = patch_sums(numbers, kernels, magnitude, tops, lefts, axis)
+    sums *= _scales(squares)[:, None, None]
+    return PatchDescriptors(
+        kernel.project_places(sums), centre_positions(tops, lefts, PATCH_PX, magnitude.shape)
+    )
 
 
 def describe_patterns(
-    patterns: npt.NDArray[np.int64], table: Float32Array, magnitude: Float32Array, kernel: MatchKernel
+    patterns: npt.NDArray[np.int32], projected: Float32Array, magnitude: Float32Array, kernel: MatchKernel
 ) -> PatchDescriptors:
     """Descriptors as ``describe_patches`` has them, of pixels whose attribute is one of few.
 
-    patterns: (h, w) rows of ``table`` (t, p), the attributes against the basis, in its span.
+    patterns: (h, w), each below t. projected: (q t, k), what a unit of each pattern at each vector of the spatial
+    span adds to the descriptor.
     """
-    weights = _patch_weights(magnitude)
-    numbers = _patches(patterns) + len(table) * np.arange(len(weights))[:, None]
-    counts = np.stack(
-        [
-            np.bincount(numbers.ravel(), (weights * here).ravel(), len(table) * len(weights))
-            for here in _position_kernels(kernel).T
-        ],
-        axis=-1,
-    ).reshape(len(weights), len(table), -1)
-    sums = table.T @ counts.astype(np.float32)
-    return PatchDescriptors(kernel.project(sums), _positions(magnitude.shape))
+    from depthprint._kernels.patch_sums import pattern_sums
 
-
-def _patches(pixels: npt.NDArray[Value]) -> npt.NDArray[Value]:
-    """(patches, PATCH_PX^2, ...) of pixels (h, w, ...), patches and their pixels row by row."""
-    rows, columns = (
-        first[:, None] + np.arange(PATCH_PX) for first in patch_corners(pixels.shape[:2], PATCH_PX)
+    positions = _position_kernels(kernel)
+    tops, lefts = patch_corners(magnitude.shape, PATCH_PX)
+    sums, squares = pattern_sums(
+        patterns, magnitude, tops, lefts, positions, len(projected) // len(positions)
     )
-    chosen = pixels[rows[:, None, :, None], columns[None, :, None, :]]
-    return chosen.reshape(-1, PATCH_PX**2, *pixels.shape[2:])
+    sums *= _scales(squares)[:, None, None]
+    vectors = sums.reshape(len(sums), -1).astype(np.float32) @ projected
+    return PatchDescriptors(vectors, centre_positions(tops, lefts, PATCH_PX, magnitude.shape))
 
 
-def _patch_weights(magnitude: Float32Array) -> Float32Array:
-    weights = _patches(magnitude)
-    norms = np.linalg.norm(weights.astype(np.float64), axis=1)
-    return np.asarray(weights / np.maximum(LEAST_NORM, norms)[:, None].astype(np.float32))
+def _scales(squares: npt.NDArray[np.float64]) -> Float32Array:
+    """What brings patches with these squared norms to unit norm, but for faint ones."""
+    return np.asarray(1.0 / np.maximum(LEAST_NORM, np.sqrt(squares)), dtype=np.float32)
+
+
+@lru_cache(maxsize=8)
+def _axis_kernels(gamma: float) -> Float32Array:
+    """(nodes, PATCH_PX) kernels of a patch's rows, or columns, against the spatial axis."""
+    places = (np.arange(PATCH_PX) / PATCH_PX)[:, None]
+    kernels = gaussian_kernel(places, SPATIAL_AXIS[:, None], gamma).T.astype(np.float32)
+    kernels.setflags(write=False)
+    return np.asarray(kernels)
 
 
 def _position_kernels(kernel: MatchKernel) -> Float32Array:
-    """(PATCH_PX^2, q) kernels of a patch's pixels against the spatial basis, in its span."""
-    places = (np.arange(PATCH_PX) / PATCH_PX)[:, None]
-    axis = gaussian_kernel(places, SPATIAL_AXIS[:, None], kernel.spatial_gamma)
-    return (np.kron(axis, axis) @ kernel.spatial_span).astype(np.float32)
-
-
-def _positions(shape: tuple[int, ...]) -> Float32Array:
-    rows, columns = patch_corners(shape, PATCH_PX)
-    return centre_positions(rows, columns, PATCH_PX, shape)
+    """(q, PATCH_PX, PATCH_PX) kernels of a patch's pixels against the spatial basis, in its span."""
+    axis = _axis_kernels(kernel.spatial_gamma)
+    kernels = np.einsum("ar,bc,abq->qrc", axis, axis, kernel.spatial_span.reshape(len(axis), len(axis), -1))
+    return np.ascontiguousarray(kernels, dtype=np.float32)

@@ -16,7 +16,7 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
 )
 from depthprint.range_image import RangeImage
 
-__all__ = ["size_descriptors", "size_kernel"]
+__all__ = ["size_descriptors", "size_kernel", "size_of_points"]
 
 DIMS = 50
 PATCH_PX = 40
@@ -47,16 +47,26 @@ def size_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
 
     Raises DataError as depth_and_points does. Source: Bo, Ren and Fox 2011, section III.
     """
+    return size_of_points(*depth_and_points(image, PATCH_PX, masked))
+
+
+def size_of_points(depth: npt.NDArray[np.float32], points: npt.NDArray[np.float64]) -> PatchDescriptors:
+    """``size_descriptors`` of the depth and points that ``depth_and_points`` gave."""
     from depthprint._kernels.point_kernels import mean_distance_shares
 
-    depth, points = depth_and_points(image, PATCH_PX, masked)
     rows, columns = patch_corners(depth.shape, PATCH_PX)
     half = PATCH_PX // 2
     centres = points[np.ix_(rows + half, columns + half)].reshape(-1, 3)
     positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
     cloud = points[depth > 0]
     if len(cloud) > MOST_POINTS:
-        cloud = cloud[np.random.default_rng(SAMPLING_SEED).permutation(len(cloud))[:MOST_POINTS]]
+        cloud = cloud[_chosen_points(len(cloud))]
     known = centres[:, 2] > 0
     shares = mean_distance_shares(centres[known], np.ascontiguousarray(cloud), NODE_STEP_M, N_NODES)
     return PatchDescriptors((shares @ _node_descriptors()).astype(np.float32), positions[known])
+
+
+@lru_cache(maxsize=64)
+def _chosen_points(count: int) -> npt.NDArray[np.int64]:
+    """The points that count of so many, always the same."""
+    return np.random.default_rng(SAMPLING_SEED).permutation(count)[:MOST_POINTS]

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_products, grid_basis
+from depthprint.baselines.kernel_descriptors.match_kernel import MatchKernel, gaussian_kernel, grid_basis
 from depthprint.baselines.kernel_descriptors.patch_grid import (
     PatchDescriptors,
     centre_positions,
@@ -16,9 +16,10 @@ from depthprint.baselines.kernel_descriptors.patch_grid import (
 )
 from depthprint.range_image import RangeImage
 
-__all__ = ["spin_descriptors", "spin_kernel", "surface_normals"]
+__all__ = ["spin_descriptors", "spin_kernel", "spin_of_points", "surface_normals"]
 
 FloatArray = npt.NDArray[np.float64]
+Float32Array = npt.NDArray[np.float32]
 
 DIMS = 200
 PATCH_PX = 40
@@ -33,6 +34,8 @@ NORMAL_DEPTH_RATIO = 0.01
 NORMAL_LEAST_POINTS = 4
 LEAST_POINTS, MOST_POINTS = 11, 256
 SAMPLING_SEED = 0
+# Cubics between so many nodes of a range are as precise as single precision.
+NODES = 512
 
 
 @lru_cache(maxsize=1)
@@ -67,28 +70,59 @@ def spin_descriptors(image: RangeImage, masked: bool = False) -> PatchDescriptor
     A place without return, or with ten points or fewer within 5 cm, has none; of more than 256 points a fixed
     random choice counts. Raises DataError as depth_and_points does. Source: Bo, Ren and Fox 2011, section III.
     """
+    return spin_of_points(*depth_and_points(image, PATCH_PX, masked))
+
+
+def spin_of_points(depth: Float32Array, points: FloatArray) -> PatchDescriptors:
+    """``spin_descriptors`` of the depth and points that ``depth_and_points`` gave."""
     from depthprint._kernels.point_kernels import spin_coordinates
 
-    depth, points = depth_and_points(image, PATCH_PX, masked)
     normals = surface_normals(points)
     rows, columns = patch_corners(depth.shape, PATCH_PX)
     positions = centre_positions(rows, columns, PATCH_PX, depth.shape)
-    order = np.random.default_rng(SAMPLING_SEED).permutation(PATCH_PX * PATCH_PX)
     coordinates, counts = spin_coordinates(
-        np.ascontiguousarray(points), normals, rows, columns, PATCH_PX, order, RADIUS_M, MOST_POINTS
+        np.ascontiguousarray(points), normals, rows, columns, PATCH_PX, _order(), RADIUS_M, MOST_POINTS
     )
+    vectors = _means(coordinates, counts)
     known = counts >= LEAST_POINTS
-    return PatchDescriptors(_project(coordinates[known], counts[known]), positions[known])
+    return PatchDescriptors(vectors[known], positions[known])
 
 
-def _project(coordinates: npt.NDArray[np.float32], counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-    """Mean of the kernels of (cos, along, across), (m, 256, 3), over the first ``counts`` points of each."""
+@lru_cache(maxsize=1)
+def _order() -> npt.NDArray[np.int64]:
+    return np.random.default_rng(SAMPLING_SEED).permutation(PATCH_PX * PATCH_PX)
+
+
+def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32Array:
+    """Descriptors (m, 200): means of the kernels of (cos, along, across), (n, 3), over the points of each."""
+    from depthprint._kernels.tables import read_products, read_rows
+
     kernel = spin_kernel()
-    cosine = coordinates[..., :1]
-    sine = np.sqrt(np.maximum(1 - cosine**2, 0))
-    angles = np.concatenate([sine, cosine], axis=-1)
-    attribute = gaussian_products(angles, kernel.attribute, ANGLE_GAMMA) @ kernel.attribute_span
-    spatial = gaussian_products(coordinates[..., 1:], kernel.spatial, SPATIAL_GAMMA) @ kernel.spatial_span
-    counted = np.arange(coordinates.shape[1]) < counts[:, None]
-    share = (counted / np.maximum(counts, 1)[:, None]).astype(np.float32)[..., None]
-    return kernel.project(np.swapaxes(attribute * share, 1, 2) @ spatial)
+    attribute_table, along_table, across_table = _tables()
+    cosine, along, across = coordinates.T.astype(np.float64)
+    attribute = np.empty((len(coordinates), attribute_table.shape[1]), dtype=np.float32)
+    read_rows(np.arccos(cosine) * (NODES / np.pi) + 1, attribute_table, attribute)
+    spatial = read_products(
+        (along / RADIUS_M + 1) * (NODES / 2) + 1, along_table, across * (NODES / RADIUS_M) + 1, across_table
+    )
+    sums = np.zeros((len(counts), spatial.shape[1], attribute.shape[1]), dtype=np.float32)
+    ends = np.cumsum(counts)
+    for number in np.flatnonzero(counts):
+        points = slice(ends[number] - counts[number], ends[number])
+        np.matmul(spatial[points].T, attribute[points], out=sums[number])
+    sums /= np.maximum(counts, 1).astype(np.float32)[:, None, None]
+    return kernel.project_places(sums)
+
+
+@lru_cache(maxsize=1)
+def _tables() -> tuple[Float32Array, ...]:
+    """Kernels of angles in their span, of places along, and of places across, at the nodes of their ranges."""
+    kernel = spin_kernel()
+    share = (np.arange(NODES + 3) - 1) / NODES
+    angles = np.stack([np.sin(np.pi * share), np.cos(np.pi * share)], axis=1)
+    attribute = gaussian_kernel(angles, kernel.attribute, ANGLE_GAMMA) @ kernel.attribute_span
+    along, across = (
+        gaussian_kernel(places[:, None], axis[:, None], SPATIAL_GAMMA)
+        for places, axis in (((2 * share - 1) * RADIUS_M, ALONG_AXIS_M), (share * RADIUS_M, ACROSS_AXIS_M))
+    )
+    return kernel.padded(attribute.astype(np.float32)), along.astype(np.float32), across.astype(np.float32)
