@@ -83,6 +83,12 @@ def _no_partial(name: str, encoder: Encoder) -> ObjectMethod:
     return EncodedRecogniser(name, ObjectComparisons(encoder), partial=False)
 
 
+def _no_turned(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedRecogniser
+
+    return EncodedRecogniser(name, ObjectComparisons(encoder), turned=False)
+
+
 def _no_mirror(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, without_mirror(encoder))
 
@@ -124,10 +130,14 @@ def _kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
     from depthprint.baselines.kernel_descriptors.kinds import KINDS
     from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
 
-    kind = name.removeprefix("kdes-").removesuffix("-aided")
-    aided = name.endswith("-aided")
+    kind, *options = name.removeprefix("kdes-").split("-")
+    aided = "aided" in options
     features = KernelDescriptorViews(
-        tuple(KINDS) if kind == "all" else (kind,), mirror=aided, masked=aided, seed=encoder.settings.seed
+        tuple(KINDS) if kind == "all" else (kind,),
+        mirror=aided,
+        masked=aided,
+        turned="turned" in options,
+        seed=encoder.settings.seed,
     )
     return LinearSvmMethod(name, features, C=KDES_C)
 
@@ -158,6 +168,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "no-codes": _part_left_out,
     "only-codes": _part_left_out,
     "no-partial": _no_partial,
+    "no-turned": _no_turned,
     "no-coding": _no_coding,
     "random-patches": _random_patches,
     "no-mirror": _no_mirror,
@@ -180,6 +191,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "kdes-spin-aided": _kernel_descriptors,
     "kdes-size-aided": _kernel_descriptors,
     "kdes-all-aided": _kernel_descriptors,
+    "kdes-all-aided-turned": _kernel_descriptors,
     "hog-svm": _hog,
     "sparse-pyramid-svm": _sparse_pyramid,
 }

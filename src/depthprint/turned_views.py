@@ -17,15 +17,15 @@ __all__ = ["TURNS_DEG", "turned_copies", "turned_view"]
 # Neighbouring pixels whose depths are further apart than this share of them lie on two surfaces.
 _LARGEST_STEP = 0.02
 _MARGIN_PX = 2
-LONE = False
 _MOST_DEG = 60.0
 _FEWEST_PIXELS = 16
 
+# Up and down, and right, of the copies that a recogniser learns from: chosen on training objects and simulated ones.
 TURNS_DEG = ((15.0, 0.0), (-15.0, 0.0))
 
 
 def turned_view(image: RangeImage, up_deg: float, right_deg: float) -> RangeImage:
-    """The object of a pinhole view as a camera sees it that went ``up_deg`` up, and ``right_deg`` to the right, about it.
+    """The object of a pinhole view from a camera that went ``right_deg`` to the right, then ``up_deg`` up, about it.
 
     The camera stays as far from the middle of the points seen. The mask's pixels alone are drawn (all that returned
     where there is none), as a surface cut at steps in depth; what comes into sight for the first time stays without
@@ -69,7 +69,7 @@ def _drawn(
     right, bottom = (math.ceil(float(axis[inside].max())) + 1 + _MARGIN_PX for axis in (u, v))
     crop = Pinhole(camera.fx, camera.fy, camera.cx - left, camera.cy - top, right - left, bottom - top)
     ranges_m = np.full((crop.height, crop.width), np.nan, dtype=np.float32)
-    draw_surface(u - left, v - top, z_m, before_m, _LARGEST_STEP, LONE, ranges_m)
+    draw_surface(u - left, v - top, z_m, before_m, _LARGEST_STEP, ranges_m)
     mask = None if image.mask is None else np.isfinite(ranges_m)
     return image.replace(ranges_m=ranges_m, projection=crop, mask=mask)
 

@@ -18,17 +18,15 @@ def draw_surface(
     z_m: npt.NDArray[np.float64],
     before_m: npt.NDArray[np.float64],
     largest_step: float,
-    lone_pixels: bool,
     image: npt.NDArray[np.float32],
 ) -> None:
     """Draw pixels (h, w), now at columns ``u``, rows ``v`` and depths ``z_m``, into ``image`` (height, width).
 
     Two triangles a square of four pixels, their depth as planes have it; none over a step of more than ``largest_step``
-    of the depths ``before_m`` that pixels had (NaN: no return), and none that shows its back. A pixel of no triangle
-    is drawn as one pixel. The nearest surface stays.
+    of the depths ``before_m`` that pixels had (NaN: no return), and none that shows its back. The nearest stays. A pixel
+    of no triangle is not drawn, being a stray return more often than a thing so thin.
     """
     rows, columns = z_m.shape
-    alone = np.ones((rows, columns), dtype=np.bool_)
     for a in range(rows - 1):
         for b in range(columns - 1):
             for half in range(2):
@@ -42,28 +40,12 @@ def draw_surface(
                     continue
                 if high - low > largest_step * low:
                     continue
-                alone[a0, b0] = alone[a1, b1] = alone[a2, b2] = False
                 _draw_triangle(
                     u[a0, b0], v[a0, b0], z_m[a0, b0],
                     u[a1, b1], v[a1, b1], z_m[a1, b1],
                     u[a2, b2], v[a2, b2], z_m[a2, b2],
                     image,
                 )  # fmt: skip
-    for a in range(rows):
-        for b in range(columns):
-            if lone_pixels and alone[a, b] and before_m[a, b] == before_m[a, b]:
-                _keep_nearest(image, math.floor(v[a, b] + 0.5), math.floor(u[a, b] + 0.5), z_m[a, b])
-
-
-@numba.njit(cache=True)
-def _keep_nearest(image: npt.NDArray[np.float32], row: float, column: float, z_m: float) -> None:
-    height, width = image.shape
-    if not (0 <= row < height and 0 <= column < width and z_m > 0.0):
-        return
-    i, j = int(row), int(column)
-    value = np.float32(z_m)
-    if not image[i, j] <= value:
-        image[i, j] = value
 
 
 @numba.njit(cache=True)
@@ -89,4 +71,6 @@ def _draw_triangle(
             if w0 < -1e-6 or w1 < -1e-6 or w2 < -1e-6:
                 continue
             # On a plane one over the depth is linear in the image.
-            _keep_nearest(image, row, column, 1.0 / (w0 / z0 + w1 / z1 + w2 / z2))
+            value = np.float32(1.0 / (w0 / z0 + w1 / z1 + w2 / z2))
+            if not image[row, column] <= value:
+                image[row, column] = value

@@ -33,8 +33,8 @@ MOST_REMEMBERED_BYTES = 1 << 30
 class DescribedViews:
     """Descriptors of views, the same for every split, and match features whose words a split's training views teach.
 
-    mirror: descriptors of mirrored views too; turned: of turned copies of both (turned_views). Words are learned without
-    either. masked: leave out the depth around the object. Another sequence of images forgets everything.
+    mirror: descriptors of mirrored views too; turned: of turned copies (turned_views) of all. Words are learned without
+    them. masked: leave out the depth around the object. Another sequence of images forgets everything.
     """
 
     def __init__(
