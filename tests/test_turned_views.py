@@ -90,7 +90,7 @@ def test_a_turned_sphere_lies_on_the_sphere_with_holes_only_where_it_was_not_see
     copy = turned_view(image, up, right)
     middle, R = seen_points(image).mean(0), motion(up, right)
     moved = R @ (centre - middle) + middle
-    np.testing.assert_allclose(np.linalg.norm(seen_points(copy) - moved, axis=1), radius, atol=2e-4)
+    np.testing.assert_allclose(np.linalg.norm(seen_points(copy) - moved, axis=1), radius, atol=5e-4)
     true_m = sphere_m(copy.projection, moved, radius)
     normals = (copy.projection.directions() * true_m[..., None] - moved) / radius
     # The cosine at which the first view saw each point; the last two pixels before its edge may be in no triangle.

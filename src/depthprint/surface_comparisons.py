@@ -84,7 +84,7 @@ class SurfaceKernels:
 def _between(kernels: Float32Array, first: int, second: int) -> Float32Array:
     low, high = sorted((first, second))
     kernel = kernels[high * (high + 1) // 2 + low]
-    return kernel if first <= second else kernel.T
+    return np.asarray(kernel if first <= second else kernel.T)
 
 
 def _joined(

@@ -55,7 +55,7 @@ def _rotation(up_deg: float, right_deg: float) -> npt.NDArray[np.float64]:
     about_x = np.array(
         [[1.0, 0.0, 0.0], [0.0, math.cos(up), -math.sin(up)], [0.0, math.sin(up), math.cos(up)]]
     )
-    return about_x @ about_y
+    return np.asarray(about_x @ about_y)
 
 
 def _drawn(

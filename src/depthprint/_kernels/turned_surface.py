@@ -22,9 +22,9 @@ def draw_surface(
 ) -> None:
     """Draw pixels (h, w), now at columns ``u``, rows ``v`` and depths ``z_m``, into ``image`` (height, width).
 
-    Two triangles a square of four pixels, their depth as planes have it; none over a step of more than ``largest_step``
-    of the depths ``before_m`` that pixels had (NaN: no return), and none that shows its back. The nearest stays. A pixel
-    of no triangle is not drawn, being a stray return more often than a thing so thin.
+    Two triangles a square of four pixels, their depth as planes have it; none over a step of more than
+    ``largest_step`` of the depths ``before_m`` that pixels had (NaN: no return), and none that shows its back. The
+    nearest stays. A pixel of no triangle is not drawn, being a stray return more often than a thing so thin.
     """
     rows, columns = z_m.shape
     for a in range(rows - 1):
