@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.recogniser_file import FORMAT, FORMAT_VERSION
 from depthprint.simulation.objects import simulated_objects
 from depthprint.trained_recogniser import TrainedRecogniser
-from depthprint.turned_views import TURNS_DEG
 
 N_CATEGORIES = 5
 
@@ -115,39 +112,10 @@ def test_partial_copies_of_the_views_are_learned_from(recogniser):
     assert np.mean(across.argmax(axis=1) == np.arange(len(stored))) > 0.5
     some = stored.taken(np.array([1, 3]))
     np.testing.assert_array_equal(some.mirrored_partial, stored.mirrored_partial[[1, 3]])
-    # With two turned copies there are four of each view.
-    assert some.compared_with(some).kernel.shape == (8, 8)
+    assert some.compared_with(some).kernel.shape == (4, 4)
     found = some.compared_with(stored)
-    assert found.kernel.shape == (2, 4 * len(stored))
-    assert [distances.shape[1] for distances in found.distances] == [len(stored), 4 * len(stored)]
-
-
-def test_turned_copies_of_the_views_are_learned_from_by_all_parts(recogniser, views):
-    stored = recogniser.stored.views
-    assert stored.turned.shape == (len(stored), len(TURNS_DEG), stored.surface.shape[1])
-    some = stored.taken(np.array([1, 3]))
-    np.testing.assert_array_equal(some.mirrored_turned, stored.mirrored_turned[[1, 3]])
-    among = some.compared_with(some)
-    assert among.machine_kernel.shape == (12, 12)
-    sums = some.surface + some.mirrored_surface, some.turned[:, 0] + some.mirrored_turned[:, 0]
-    first, second = (rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in sums)
-    unturned = replace(some, turned=None, mirrored_turned=None).compared_with(
-        replace(some, turned=None, mirrored_turned=None)
-    )
-    # Of the fused kernel surfaces are four sevenths; the other parts know no copies.
-    across, alone = among.kernel[:2, 2:4], unturned.kernel[:2, :2]
-    np.testing.assert_allclose(across - alone, 4 / 7 * (first @ (second - first).T), atol=1e-5)
-    np.testing.assert_allclose(among.machine_kernel[:2, 4:6], some.surface @ some.turned[:, 1].T, atol=1e-5)
-
-
-def test_of_many_views_none_is_turned(views, monkeypatch):
-    monkeypatch.setattr("depthprint.stored_views.MAX_TURNED_VIEWS", 5)
-    chosen = views[:6]
-    few = TrainedRecogniser.fit(
-        load_shipped_encoder("object"), [image for _, image in chosen], ["a", "b"] * 3
-    )
-    assert few.stored.views.turned is None
-    assert few.recognise(chosen[0][1]).label in ("a", "b", None)
+    assert found.kernel.shape == (2, 2 * len(stored))
+    assert [distances.shape[1] for distances in found.distances] == [len(stored), 2 * len(stored)]
 
 
 def test_what_cannot_be_learned_from_is_refused(views):

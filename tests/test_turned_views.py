@@ -184,20 +184,20 @@ def test_kernel_descriptors_learn_from_turned_copies_where_asked_to(crops):
     assert np.abs(found[True][0][12:18, 12:18] - found[False][0][:6, :6]).max() > 1e-3
 
 
-def test_the_row_without_turned_copies_does_not_depend_on_them(crops, monkeypatch):
+def test_the_row_with_turned_copies_differs_from_the_recogniser_by_them_alone(crops, monkeypatch):
     labels = np.repeat(np.arange(3), len(crops) // 3)
     test = np.arange(0, len(crops), 3)
     train = np.setdiff1d(np.arange(len(crops)), test)
 
     def scores():
         found = []
-        for method in make_object_methods(["recogniser", "no-turned"]):
+        for method in make_object_methods(["recogniser", "with-turned"]):
             method.prepare(crops)
             found.append(method.scores(train, labels[train], test)[0])
         return found
 
-    learned, plain = scores()
+    plain, learned = scores()
     monkeypatch.setattr("depthprint.surface_comparisons.turned_copies", lambda images, *_: list(images))
-    same, unchanged = scores()
+    unchanged, same = scores()
     np.testing.assert_array_equal(plain, unchanged)
     assert np.abs(learned - same).max() > 0.01

@@ -30,6 +30,7 @@ _KINDS_OF_PARTS = {
     "complexities": ("complexities",),
     "surfaces": ("surfaces",),
     "sizeless": ("sizeless",),
+    "turned": ("turned",),
 }
 ALL_PARTS = ("codes", "complexities", "surfaces")
 _ROWS_PER_CALL = 256
@@ -131,9 +132,9 @@ class EncodedRecogniser(EncodedMethod):
     """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
 
     The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
-    used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds. With
-    ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too; with ``turned``
-    all of them know turned copies.
+    used, of 'codes', 'complexities', 'surfaces', 'sizeless' (surfaces without the size kind) or 'turned' (surfaces of
+    which discriminant, machine and neighbours know copies turned up and down): what each adds. With
+    ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too.
     """
 
     def __init__(
@@ -143,14 +144,13 @@ class EncodedRecogniser(EncodedMethod):
         *,
         parts: Sequence[str] = ALL_PARTS,
         partial: bool = True,
-        turned: bool = True,
     ) -> None:
         unknown = sorted(set(parts) - set(_KINDS_OF_PARTS))
         if unknown or not parts:
             raise SettingsError(f"method {name!r}: expected parts of {list(_KINDS_OF_PARTS)}, got {unknown}")
         super().__init__(name, comparisons, [kind for part in parts for kind in _KINDS_OF_PARTS[part]])
         self._parts = tuple(parts)
-        self._machine_copies = (VIEWS, *(TURNED if turned else ()))
+        self._machine_copies = (VIEWS, *(TURNED if "turned" in parts else ()))
         self._copies = (*self._machine_copies, *((PARTIAL,) if partial else ()))
 
     def scores(

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 5
+FORMAT_VERSION = 4
 
-SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial", "turned", "mirrored_turned")
+SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -58,8 +58,7 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
         arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
         for kind in SURFACE_ARRAYS:
-            if (vectors := getattr(stored.views, kind)) is not None:
-                arrays[kind] = vectors
+            arrays[kind] = np.asarray(getattr(stored.views, kind))
         arrays["multipliers"] = np.asarray(recogniser.multipliers)
     for number in range(len(encoder.settings.streams)):
         batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])

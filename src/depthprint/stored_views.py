@@ -17,7 +17,6 @@ from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_co
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.surface_words import SurfaceWords
-from depthprint.turned_views import TURNS_DEG, turned_copies
 
 __all__ = ["MAX_DIRECTIONS", "MAX_LANDMARKS", "StoredViews", "ViewFeatures", "store_views"]
 
@@ -25,8 +24,6 @@ Float32Array = npt.NDArray[np.float32]
 
 MAX_DIRECTIONS = 384
 MAX_LANDMARKS = 48
-# Beyond so many views none is learned from turned: many views of an object show it turned already.
-MAX_TURNED_VIEWS = 1000
 
 
 @dataclass(frozen=True)
@@ -36,8 +33,7 @@ class ViewFeatures:
     straight, mirrored: unit pooled codes along the leading directions; ``mirrored`` equals ``straight`` where the
     preset does not mirror. landmark: unit features of the information distance to the landmarks. surface,
     mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared. partial,
-    mirrored_partial: those of partly hidden copies of the views, where these are learned from. turned, mirrored_turned:
-    (n, t, r), those of t turned copies.
+    mirrored_partial: those of partly hidden copies of the views, where these are learned from.
     """
 
     straight: Float32Array
@@ -47,8 +43,6 @@ class ViewFeatures:
     mirrored_surface: Float32Array | None = None
     partial: Float32Array | None = None
     mirrored_partial: Float32Array | None = None
-    turned: Float32Array | None = None
-    mirrored_turned: Float32Array | None = None
 
     def __post_init__(self) -> None:
         for array in (self.straight, self.mirrored, self.landmark, *self._surfaces()):
@@ -59,26 +53,13 @@ class ViewFeatures:
         return len(self.straight)
 
     def _surfaces(self) -> tuple[Float32Array | None, ...]:
-        return (
-            *(self.surface, self.mirrored_surface, self.partial, self.mirrored_partial),
-            *(self.turned, self.mirrored_turned),
-        )
+        return self.surface, self.mirrored_surface, self.partial, self.mirrored_partial
 
-    def _with_copies(self, partial: bool = True) -> tuple[Float32Array, Float32Array]:
-        """Surface vectors of the views, of their turned and partial copies, and those of their mirror images."""
-        sides = (
-            (self.surface, self.turned, self.partial),
-            (self.mirrored_surface, self.mirrored_turned, self.mirrored_partial),
-        )
+    def _with_copies(self) -> tuple[Float32Array, Float32Array]:
+        """Surface vectors of the views, then of their partial copies, and those of their mirror images."""
         straight, mirrored = (
-            np.concatenate(
-                [
-                    *(() if views is None else (views,)),
-                    *(() if turned is None else turned.swapaxes(0, 1)),
-                    *(() if hidden is None or not partial else (hidden,)),
-                ]
-            )
-            for views, turned, hidden in sides
+            np.concatenate([rows for rows in pair if rows is not None])
+            for pair in ((self.surface, self.partial), (self.mirrored_surface, self.mirrored_partial))
         )
         return straight, mirrored
 
@@ -95,7 +76,7 @@ class ViewFeatures:
         if self.surface is not None and self.mirrored_surface is not None:
             if stored.surface is None or stored.mirrored_surface is None:
                 raise DataError("views: expected stored views with surface vectors, got some without")
-            known = np.concatenate(stored._with_copies(partial=False))
+            known = np.concatenate([stored.surface, stored.mirrored_surface])
             machine = (known if self is stored else self.surface) @ known.T
             views = self._with_copies() if self is stored else (self.surface, self.mirrored_surface)
             kernel, nearest = _mirrored_kernel(*views, *(views if self is stored else stored._with_copies()))
@@ -154,8 +135,7 @@ def store_views(
 
     Directions are singular vectors of the codes of views and mirror images, and of the surface vectors where
     ``words`` are given (randomised, seeded), rounded to the 16 bits that a file keeps, so that a saved and loaded
-    recogniser gives the same numbers. Partly hidden and turned copies of the views are described for their surfaces
-    alone, the latter of up to 1000 views.
+    recogniser gives the same numbers. Partly hidden copies of the views are described for their surfaces alone.
     """
     vectors = code_vectors(encoder, encodings)
     if encoder.settings.mirror:
@@ -170,15 +150,8 @@ def store_views(
     mirror = encoder.settings.mirror
     whole = words.features(images, mirror=mirror)
     copies = words.features(partial_copies(images), mirror=mirror)
-    turned = [
-        words.features(turned_copies(images, *turn), mirror=mirror)
-        for turn in (TURNS_DEG if len(images) <= MAX_TURNED_VIEWS else ())
-    ]
     surface_directions = _leading_directions(np.concatenate([*whole, *copies]), seed)
     surfaces = _along(surface_directions, [*whole, *copies])
-    if turned:
-        sides = zip(*(_along(surface_directions, pair) for pair in turned), strict=True)
-        surfaces += [np.stack(side, axis=1) for side in sides]
     views = ViewFeatures(views.straight, views.mirrored, views.landmark, *surfaces)
     return StoredViews(directions, landmarks, learned, views, words, surface_directions)
 

@@ -104,6 +104,7 @@ class SurfaceComparisons:
     def __init__(self, words: SurfaceWords | None = None) -> None:
         self._words = words
         self._images: Sequence[RangeImage] | None = None
+        self._turned = False
         # Sums over the kinds of descriptors, size and the others; and how many these are.
         self._sums: dict[bool, tuple[SurfaceKernels, int]] = {}
 
@@ -113,13 +114,17 @@ class SurfaceComparisons:
         *,
         mirror: bool,
         sized: bool = True,
+        turned: bool = False,
         progress: Progress | None = None,
     ) -> SurfaceKernels:
-        """Mean kernels of all kinds of descriptors, or all but size; the images given last are described once."""
-        if images is not self._images:
+        """Mean kernels of all kinds of descriptors, or all but size; the images given last are described once.
+
+        turned: of turned copies too; asked for after kernels without them, everything is described again.
+        """
+        if images is not self._images or (turned and not self._turned):
             self._sums = {}
-            self._describe(images, progress)
-            self._images = images
+            self._describe(images, turned, progress)
+            self._images, self._turned = images, turned
         chosen = [self._sums[is_size] for is_size in self._sums if sized or not is_size]
         count = np.float32(sum(n for _, n in chosen))
         straight, crossed, both = (
@@ -128,9 +133,11 @@ class SurfaceComparisons:
         )
         return SurfaceKernels(straight, crossed, both) if mirror else SurfaceKernels(*[straight] * 3)
 
-    def _describe(self, images: Sequence[RangeImage], progress: Progress | None) -> None:
+    def _describe(self, images: Sequence[RangeImage], turned: bool, progress: Progress | None) -> None:
         words = SurfaceWords.load() if self._words is None else self._words
-        copies = [images, partial_copies(images), *(turned_copies(images, *turn) for turn in TURNS_DEG)]
+        copies = [images, partial_copies(images)]
+        if turned:
+            copies += [turned_copies(images, *turn) for turn in TURNS_DEG]
         for kind in words.vocabularies:
             alone = words.only(kind)
             described = [alone.features(copies[0], progress=progress)]

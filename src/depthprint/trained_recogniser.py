@@ -114,7 +114,7 @@ class TrainedRecogniser:
 
     @property
     def multipliers(self) -> npt.NDArray[np.float32] | None:
-        """What the support vector machine learned, (k n, c); None where surfaces are not compared."""
+        """What the support vector machine learned, (2 n, c); None where surfaces are not compared."""
         return self._fused.multipliers
 
     def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
