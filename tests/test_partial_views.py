@@ -75,7 +75,7 @@ def test_kernels_are_the_products_of_views_mirror_images_and_copies(kernels, wor
     rows = np.arange(4)
     sums = np.concatenate([views[0] + views[1], copies[0] + copies[1]])
     sums /= np.linalg.norm(sums, axis=1, keepdims=True)
-    found = kernels.summed(rows, rows, among=True, partial=True)
+    found = kernels.summed(rows, rows, among=True, copies=(0, 1))
     np.testing.assert_allclose(found, sums @ sums.T, atol=1e-5)
     np.testing.assert_array_equal(kernels.summed(rows, rows), found[:4, :4])
 
@@ -92,13 +92,13 @@ def test_kernels_without_size_are_those_of_the_other_kinds(words, crops):
 def test_copies_follow_the_views_that_they_are_of(kernels):
     rows = np.array([0, 2, 3])
     for compared in (kernels.summed, kernels.nearer):
-        among = compared(rows, rows, among=True, partial=True)
+        among = compared(rows, rows, among=True, copies=(0, 1))
         assert among.shape == (6, 6)
         np.testing.assert_allclose(among, among.T, atol=1e-6)
         # A training view as a query compares as it does among the training views.
-        np.testing.assert_allclose(compared(rows, rows, partial=True), among[:3], atol=1e-6)
+        np.testing.assert_allclose(compared(rows, rows, copies=(0, 1)), among[:3], atol=1e-6)
         np.testing.assert_allclose(compared(rows, rows, among=True), among[:3, :3], atol=1e-6)
-    asked = kernels.nearer(np.array([1]), rows, partial=True)
+    asked = kernels.nearer(np.array([1]), rows, copies=(0, 1))
     nearest = np.maximum(kernels.straight[1, 1, rows], kernels.crossed[1, 1, rows])
     np.testing.assert_allclose(asked[0, 3:], 1.0 - nearest, atol=1e-6)
 

@@ -14,7 +14,7 @@ from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures
 from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser, ViewComparison, fused_comparison
 from depthprint.range_image import RangeImage
-from depthprint.surface_comparisons import SurfaceKernels
+from depthprint.surface_comparisons import PARTIAL, TURNED, VIEWS, SurfaceKernels
 
 __all__ = ["ALL_PARTS", "EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
 
@@ -30,6 +30,7 @@ _KINDS_OF_PARTS = {
     "complexities": ("complexities",),
     "surfaces": ("surfaces",),
     "sizeless": ("sizeless",),
+    "turned": ("turned",),
 }
 ALL_PARTS = ("codes", "complexities", "surfaces")
 _ROWS_PER_CALL = 256
@@ -131,7 +132,8 @@ class EncodedRecogniser(EncodedMethod):
     """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
 
     The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
-    used, of 'codes', 'complexities', 'surfaces' or 'sizeless' (surfaces without the size kind): what each adds. With
+    used, of 'codes', 'complexities', 'surfaces', 'sizeless' (surfaces without the size kind) or 'turned' (surfaces of
+    which discriminant, machine and neighbours know copies turned up and down): what each adds. With
     ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too.
     """
 
@@ -148,7 +150,8 @@ class EncodedRecogniser(EncodedMethod):
             raise SettingsError(f"method {name!r}: expected parts of {list(_KINDS_OF_PARTS)}, got {unknown}")
         super().__init__(name, comparisons, [kind for part in parts for kind in _KINDS_OF_PARTS[part]])
         self._parts = tuple(parts)
-        self._partial = partial
+        self._machine_copies = (VIEWS, *(TURNED if "turned" in parts else ()))
+        self._copies = (*self._machine_copies, *((PARTIAL,) if partial else ()))
 
     def scores(
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
@@ -176,11 +179,10 @@ class EncodedRecogniser(EncodedMethod):
             return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
         surfaces: SurfaceKernels = getattr(self.comparisons, part)()
         among = rows is train
-        known = {"among": among, "partial": self._partial}
         return ViewComparison(
-            surfaces.summed(rows, train, **known),
-            (surfaces.nearer(rows, train, **known),),
-            surfaces.with_mirrored(rows, train, among=among),
+            surfaces.summed(rows, train, copies=self._copies, among=among),
+            (surfaces.nearer(rows, train, copies=self._copies, among=among),),
+            surfaces.with_mirrored(rows, train, copies=self._machine_copies, among=among),
         )
 
 

@@ -103,7 +103,8 @@ class FixedFeatures:
 class KernelDescriptorViews:
     """Match features of one or several kernel descriptors, side by side.
 
-    masked: leave out the depth around the object. mirror: mirrored views train too. ``described`` holds what methods of
+    masked: leave out the depth around the object. mirror: mirrored views train too. turned: turned copies of both do.
+    ``described`` holds what methods of
     the same options may share.
     """
 
@@ -113,10 +114,13 @@ class KernelDescriptorViews:
         *,
         mirror: bool = False,
         masked: bool = False,
+        turned: bool = False,
         n_words: int = 1000,
         seed: int = 0,
     ) -> None:
-        self.described = DescribedViews(mirror=mirror, masked=masked, n_words=n_words, seed=seed)
+        self.described = DescribedViews(
+            mirror=mirror, masked=masked, turned=turned, n_words=n_words, seed=seed
+        )
         self._kinds = tuple(kinds)
 
     def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:

@@ -91,11 +91,17 @@ class ObjectComparisons:
         """Kernels of the views' surfaces, the size kind left out."""
         return self._once("sizeless", lambda: self._surface_kernels(sized=False))
 
-    def _surface_kernels(self, sized: bool = True) -> SurfaceKernels:
+    def turned(self) -> SurfaceKernels:
+        """Kernels of the views' surfaces, turned copies among them."""
+        return self._once("turned", lambda: self._surface_kernels(turned=True))
+
+    def _surface_kernels(self, sized: bool = True, turned: bool = False) -> SurfaceKernels:
         if self._images is None:
             raise DataError("ObjectComparisons: expected prepare() to be called first")
         mirror = self.encoder.settings.mirror
-        return self.shared_surfaces.kernels(self._images, mirror=mirror, sized=sized, progress=self._progress)
+        return self.shared_surfaces.kernels(
+            self._images, mirror=mirror, sized=sized, turned=turned, progress=self._progress
+        )
 
     def _once(self, kind: str, compute: Callable[[], T]) -> T:
         if kind not in self._done:

@@ -30,17 +30,18 @@ KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
 
-# What the recogniser's kernels and neighbours are left with.
-_PARTS_WITHOUT = {
+# What the kernels and neighbours of rows that are the recogniser but for these are made of.
+_PARTS = {
     "no-emd": ("codes", "surfaces"),
     "no-kdes": ("codes", "complexities"),
     "no-size": ("codes", "complexities", "sizeless"),
     "no-codes": ("surfaces",),
     "only-codes": ("codes",),
+    "with-turned": ("codes", "complexities", "turned"),
 }
 
-# Asked for by name only: compressors that say no more than the others do.
-NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd")
+# Asked for by name only: compressors that say no more than the others do, and turned copies, which cost as much again.
+NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd", "with-turned", "kdes-all-aided-turned")
 
 
 def _nearest(name: str, encoder: Encoder, kind: str) -> ObjectMethod:
@@ -73,8 +74,8 @@ def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, encoder)
 
 
-def _part_left_out(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, encoder, _PARTS_WITHOUT[name])
+def _fused_of_parts(name: str, encoder: Encoder) -> ObjectMethod:
+    return _fused(name, encoder, _PARTS[name])
 
 
 def _no_partial(name: str, encoder: Encoder) -> ObjectMethod:
@@ -124,10 +125,14 @@ def _kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
     from depthprint.baselines.kernel_descriptors.kinds import KINDS
     from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
 
-    kind = name.removeprefix("kdes-").removesuffix("-aided")
-    aided = name.endswith("-aided")
+    kind, *options = name.removeprefix("kdes-").split("-")
+    aided = "aided" in options
     features = KernelDescriptorViews(
-        tuple(KINDS) if kind == "all" else (kind,), mirror=aided, masked=aided, seed=encoder.settings.seed
+        tuple(KINDS) if kind == "all" else (kind,),
+        mirror=aided,
+        masked=aided,
+        turned="turned" in options,
+        seed=encoder.settings.seed,
     )
     return LinearSvmMethod(name, features, C=KDES_C)
 
@@ -152,12 +157,13 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "emd": _emd,
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
-    "no-emd": _part_left_out,
-    "no-kdes": _part_left_out,
-    "no-size": _part_left_out,
-    "no-codes": _part_left_out,
-    "only-codes": _part_left_out,
+    "no-emd": _fused_of_parts,
+    "no-kdes": _fused_of_parts,
+    "no-size": _fused_of_parts,
+    "no-codes": _fused_of_parts,
+    "only-codes": _fused_of_parts,
     "no-partial": _no_partial,
+    "with-turned": _fused_of_parts,
     "no-coding": _no_coding,
     "random-patches": _random_patches,
     "no-mirror": _no_mirror,
@@ -180,6 +186,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "kdes-spin-aided": _kernel_descriptors,
     "kdes-size-aided": _kernel_descriptors,
     "kdes-all-aided": _kernel_descriptors,
+    "kdes-all-aided-turned": _kernel_descriptors,
     "hog-svm": _hog,
     "sparse-pyramid-svm": _sparse_pyramid,
 }

@@ -23,7 +23,7 @@ NEAREST_SHARE = 1.0
 LOCAL_SCALING = 10
 MACHINE_C = 40.0
 # Shares of what views are compared by in the discriminant's kernel.
-KERNEL_SHARES = {"codes": 2.0, "complexities": 1.0, "surfaces": 4.0, "sizeless": 4.0}
+KERNEL_SHARES = {"codes": 2.0, "complexities": 1.0, "surfaces": 4.0, "sizeless": 4.0, "turned": 4.0}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Surfaces of views compared once for all methods: views, their mirror images, and partial copies of both."""
+"""Surfaces of views compared once for all methods: views, partial and turned copies, and mirror images of all."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy.typing as npt
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.surface_words import SurfaceWords
+from depthprint.turned_views import TURNS_DEG, turned_copies
 
-__all__ = ["SurfaceComparisons", "SurfaceKernels"]
+__all__ = ["PARTIAL", "TURNED", "VIEWS", "SurfaceComparisons", "SurfaceKernels"]
 
 Progress = Callable[[int, int], None]
 IndexArray = npt.NDArray[np.int64]
@@ -20,14 +21,18 @@ Float32Array = npt.NDArray[np.float32]
 
 SIZE = "size"
 
+# Numbers of the copies: the views themselves, partly hidden, and turned.
+VIEWS, PARTIAL = 0, 1
+TURNED = tuple(range(2, 2 + len(TURNS_DEG)))
+
 
 @dataclass(frozen=True)
 class SurfaceKernels:
-    """Inner products of the views' surface vectors, (3, n, n) each, read-only.
+    """Inner products of the views' surface vectors, (p, n, n) each, read-only.
 
-    First of views with views, then of views with partial copies of views, then of copies with copies. straight: as they
-    are. crossed: with the mirror images of the second ones; equal to ``straight`` where the preset does not mirror.
-    both: of the sums of each one's vector and its mirror image's.
+    Of each pair of copies (VIEWS, PARTIAL, and those of TURNED): 0 with 0; 0 and 1 with 1; 0, 1 and 2 with 2; ...
+    straight: as they are. crossed: with the mirror images of the second ones; equal to ``straight`` where the preset
+    does not mirror. both: of the sums of each one's vector and its mirror image's.
     """
 
     straight: Float32Array
@@ -39,52 +44,58 @@ class SurfaceKernels:
             array.setflags(write=False)
 
     def summed(
-        self, rows: IndexArray, stored: IndexArray, *, among: bool = False, partial: bool = False
+        self, rows: IndexArray, stored: IndexArray, *, copies: Sequence[int] = (VIEWS,), among: bool = False
     ) -> Float32Array:
         """Kernel of the sums of a view's vector and its mirror image's, of unit length: ``rows`` with ``stored``.
 
-        partial: then with the partial copies of ``stored``. among: the rows of the copies follow; ``rows`` are then
-        ``stored``.
+        copies: which copies of ``stored``, the first of them that of ``rows``. among: the rows of the other copies
+        follow; ``rows`` are then ``stored``.
         """
-        kernels = self.both if partial else self.both[:1]
-        # Of views, and of copies: the first and the last of three.
-        lengths = [np.sqrt(np.maximum(np.diag(kernels[n]), 1e-12)) for n in (0, -1)]
-        blocks = [
-            kernel[np.ix_(rows, stored)] / first[rows, None] / second[stored]
-            for kernel, first, second in zip(
-                kernels,
-                (lengths[0], lengths[0], lengths[1]),
-                (lengths[0], lengths[1], lengths[1]),
-                strict=False,
-            )
-        ]
-        return _joined(blocks, among)
+        lengths = [np.sqrt(np.maximum(np.diag(_between(self.both, n, n)), 1e-12)) for n in copies]
+        kernel = _joined(self.both, rows, stored, copies, among)
+        kernel /= np.concatenate([length[stored] for length in lengths])
+        first = lengths if among else lengths[:1]
+        return np.asarray(kernel / np.concatenate([length[rows] for length in first])[:, None])
 
     def nearer(
-        self, rows: IndexArray, stored: IndexArray, *, among: bool = False, partial: bool = False
+        self, rows: IndexArray, stored: IndexArray, *, copies: Sequence[int] = (VIEWS,), among: bool = False
     ) -> Float32Array:
         """One minus the cosine, of the nearer of a view and its mirror image; arguments as ``summed`` has them."""
-        grid = (slice(None if partial else 1), *np.ix_(rows, stored))
-        cosine = np.maximum(self.straight[grid], self.crossed[grid])
-        return _joined(np.maximum(1.0 - cosine, 0.0), among)
+        straight, crossed = (
+            _joined(kernels, rows, stored, copies, among) for kernels in (self.straight, self.crossed)
+        )
+        return np.asarray(np.maximum(1.0 - np.maximum(straight, crossed), 0.0))
 
-    def with_mirrored(self, rows: IndexArray, stored: IndexArray, *, among: bool = False) -> Float32Array:
-        """Products of views ``rows`` with views ``stored`` and their mirror images.
+    def with_mirrored(
+        self, rows: IndexArray, stored: IndexArray, *, copies: Sequence[int] = (VIEWS,), among: bool = False
+    ) -> Float32Array:
+        """Products of views ``rows`` with copies of ``stored``, and then with the mirror images of these.
 
-        among: the rows of the mirror images follow; ``rows`` are then ``stored``.
+        copies, among: as ``summed`` has them; the rows of the mirror images follow those of all copies.
         """
-        straight, crossed = (kernel[0][np.ix_(rows, stored)] for kernel in (self.straight, self.crossed))
+        straight, crossed = (
+            _joined(kernels, rows, stored, copies, among) for kernels in (self.straight, self.crossed)
+        )
+        top = np.concatenate([straight, crossed], axis=1)
         # What two mirror images have in common is what the views have.
-        return _joined([straight, crossed, straight], among)
+        return np.concatenate([top, np.concatenate([crossed.T, straight], axis=1)]) if among else top
 
 
-def _joined(blocks: Sequence[Float32Array] | Float32Array, among: bool) -> Float32Array:
-    """Blocks of first with first, first with second and second with second, as one symmetric matrix or its top."""
-    if len(blocks) == 1:
-        return blocks[0]
-    first, across, second = blocks
-    top = np.concatenate([first, across], axis=1)
-    return np.concatenate([top, np.concatenate([across.T, second], axis=1)]) if among else top
+def _between(kernels: Float32Array, first: int, second: int) -> Float32Array:
+    low, high = sorted((first, second))
+    kernel = kernels[high * (high + 1) // 2 + low]
+    return np.asarray(kernel if first <= second else kernel.T)
+
+
+def _joined(
+    kernels: Float32Array, rows: IndexArray, stored: IndexArray, copies: Sequence[int], among: bool
+) -> Float32Array:
+    """Blocks of copies side by side; ``among``: of all copies with all, else of the first with all."""
+    grid = np.ix_(rows, stored)
+    first = copies if among else copies[:1]
+    return np.concatenate(
+        [np.concatenate([_between(kernels, i, j)[grid] for j in copies], axis=1) for i in first]
+    )
 
 
 class SurfaceComparisons:
@@ -93,6 +104,7 @@ class SurfaceComparisons:
     def __init__(self, words: SurfaceWords | None = None) -> None:
         self._words = words
         self._images: Sequence[RangeImage] | None = None
+        self._turned = False
         # Sums over the kinds of descriptors, size and the others; and how many these are.
         self._sums: dict[bool, tuple[SurfaceKernels, int]] = {}
 
@@ -102,13 +114,17 @@ class SurfaceComparisons:
         *,
         mirror: bool,
         sized: bool = True,
+        turned: bool = False,
         progress: Progress | None = None,
     ) -> SurfaceKernels:
-        """Mean kernels of all kinds of descriptors, or all but size; the images given last are described once."""
-        if images is not self._images:
+        """Mean kernels of all kinds of descriptors, or all but size; the images given last are described once.
+
+        turned: of turned copies too; asked for after kernels without them, everything is described again.
+        """
+        if images is not self._images or (turned and not self._turned):
             self._sums = {}
-            self._describe(images, progress)
-            self._images = images
+            self._describe(images, turned, progress)
+            self._images, self._turned = images, turned
         chosen = [self._sums[is_size] for is_size in self._sums if sized or not is_size]
         count = np.float32(sum(n for _, n in chosen))
         straight, crossed, both = (
@@ -117,13 +133,15 @@ class SurfaceComparisons:
         )
         return SurfaceKernels(straight, crossed, both) if mirror else SurfaceKernels(*[straight] * 3)
 
-    def _describe(self, images: Sequence[RangeImage], progress: Progress | None) -> None:
+    def _describe(self, images: Sequence[RangeImage], turned: bool, progress: Progress | None) -> None:
         words = SurfaceWords.load() if self._words is None else self._words
-        copies = partial_copies(images)
+        copies = [images, partial_copies(images)]
+        if turned:
+            copies += [turned_copies(images, *turn) for turn in TURNS_DEG]
         for kind in words.vocabularies:
             alone = words.only(kind)
-            whole = alone.features(images, progress=progress)
-            kernels = _kernels(whole, alone.features(copies, progress=progress))
+            described = [alone.features(copies[0], progress=progress)]
+            kernels = _kernels(described + [alone.features(c) for c in copies[1:]])
             before = self._sums.get(kind == SIZE)
             if before is not None:
                 summed, count = before
@@ -135,15 +153,15 @@ class SurfaceComparisons:
             self._sums[kind == SIZE] = kernels, 1 if before is None else count + 1
 
 
-def _kernels(
-    views: tuple[Float32Array, Float32Array], copies: tuple[Float32Array, Float32Array]
-) -> SurfaceKernels:
-    pairs = ((views, views), (views, copies), (copies, copies))
+def _kernels(copies: Sequence[tuple[Float32Array, Float32Array]]) -> SurfaceKernels:
+    pairs = [(first, second) for n, second in enumerate(copies) for first in copies[: n + 1]]
     straight = np.stack([first[0] @ second[0].T for first, second in pairs])
     crossed = np.stack([first[0] @ second[1].T for first, second in pairs])
     # By sums, not by adding products up: the discriminant needs them positive semi-definite.
-    both = np.stack([(first[0] + first[1]) @ (second[0] + second[1]).T for first, second in pairs])
-    for number in (0, 2):
-        # Equal but for rounding: mirroring both changes nothing.
-        crossed[number] = np.float32(0.5) * (crossed[number] + crossed[number].T)
+    sums = [straight_rows + mirrored_rows for straight_rows, mirrored_rows in copies]
+    both = np.stack([first @ second.T for n, second in enumerate(sums) for first in sums[: n + 1]])
+    for number, (first, second) in enumerate(pairs):
+        if first is second:
+            # Equal but for rounding: mirroring both changes nothing.
+            crossed[number] = np.float32(0.5) * (crossed[number] + crossed[number].T)
     return SurfaceKernels(straight, crossed, both)
