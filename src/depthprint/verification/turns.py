@@ -16,7 +16,7 @@ from depthprint.verification.verdict import Verification
 __all__ = ["Turn", "likeliest", "turn_between", "turn_by_walls", "turn_of"]
 
 # Deviations of a turn by an alignment that is trusted, by walls, by one that is not, and by nothing.
-_TRUSTED_RAD, _BY_WALLS_RAD, _DOUBTED_RAD, _UNKNOWN_RAD = np.radians([0.7, 3.0, 8.0, 25.0]).tolist()
+_TRUSTED_RAD, _BY_WALLS_RAD, _DOUBTED_RAD, _UNKNOWN_RAD = np.radians([1.0, 8.0, 8.0, 25.0]).tolist()
 # Overlap and agreement under which an alignment says nothing, nor a turn beyond the most of one step.
 _LEAST_TOLD, _MOST_TURN_RAD = 0.3, math.radians(75.0)
 # Of two alignments that say alike the smaller turn is likelier.
@@ -26,7 +26,7 @@ _BEARINGS, _WALL_GAP_M = 360, 0.5
 _SHIFTS_RAD = np.radians((np.arange(_BEARINGS) + 180) % 360 - 180)
 _SMOOTHING = np.exp(-0.5 * (3.0 * math.tau / _BEARINGS * np.arange(_BEARINGS // 2 + 1)) ** 2)
 # Least cosine of two that are alike, the most that a step turns, and how much a turn must gain.
-_LEAST_ALIKE, _MOST_BY_WALLS_RAD = 0.7, math.radians(60.0)
+_LEAST_ALIKE, _MOST_BY_WALLS_RAD = 0.7, math.radians(45.0)
 _DOUBTED_SHIFTS = 0.12 * np.abs(_SHIFTS_RAD)
 
 
