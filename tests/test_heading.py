@@ -69,9 +69,9 @@ def test_more_lost_on_the_way_means_less_doubt():
 
 
 def test_likely_match_pulls_the_heading_and_an_unlikely_one_does_not():
-    drifted = track(0, *[1.5] * 20, sd_deg=8.0)
+    drifted = track(0, *[4] * 20, sd_deg=12.0)
     before = drifted.share(0, 0.0, STILL)
-    drifted.hold(0, math.radians(170))
+    drifted.hold(0, math.radians(-100))
     assert drifted.share(0, 0.0, STILL) == before
     drifted.hold(0, 0.0)
     assert drifted.share(0, 0.0, STILL) > before

@@ -11,6 +11,8 @@ __all__ = ["HeadingTrack"]
 
 # Deviation of what a right match says of a heading, apart from what turns have lost.
 _MATCH_SD_RAD = math.radians(15.0)
+# So far off no match is doubted: what looks alike in buildings is turned by a quarter or a half.
+_FREE_RAD = math.radians(40.0)
 # Share of its evidence that a match against all headings keeps.
 _LEAST_SHARE = 0.2
 # A match that would keep less does not hold the heading.
@@ -21,7 +23,7 @@ class HeadingTrack:
     """Heading and its variance of frames, numbered as they are added.
 
     Turns from frame to frame add up, and so do their variances; a trusted match pulls the heading to its place's. The
-    more was lost between two frames, the less a match of them is doubted.
+    more was lost between two frames, the less a match of them is doubted; none is that is off by less than 40 degrees.
     """
 
     def __init__(self) -> None:
@@ -56,7 +58,7 @@ class HeadingTrack:
 
     def _share(self, place: int, turn_rad: float, next_turn: Turn, slack_rad: float) -> float:
         apart = self._headings_rad[-1] + next_turn.left_rad - self._headings_rad[place] - turn_rad
-        off = max(0.0, abs(math.remainder(apart, math.tau)) - slack_rad)
+        off = max(0.0, abs(math.remainder(apart, math.tau)) - _FREE_RAD - slack_rad)
         lost = abs(self._variances[-1] + next_turn.variance - self._variances[place])
         likely = math.exp(-0.5 * off**2 / (lost + _MATCH_SD_RAD**2))
         return _LEAST_SHARE + (1.0 - _LEAST_SHARE) * likely
