@@ -121,6 +121,20 @@ def test_a_sensor_held_in_the_hand_has_no_heading():
     assert TemporalEvidence(GeometricVerifier(), heading=False).heading_share(view, 0, math.pi) == 1.0
 
 
+def test_after_the_places_of_a_map_a_frame_of_elsewhere_has_any_heading():
+    evidence = TemporalEvidence(GeometricVerifier())
+    for i in range(3):
+        evidence.add(make_depth_view(frame(STEP_M * i)))
+    going_on = make_depth_view(frame(3 * STEP_M))
+    assert evidence.heading_share(going_on, 0, math.pi) < 0.21
+    elsewhere = make_depth_view(frame(0.0, world=block_world(8)))
+    assert evidence.heading_share(elsewhere, 0, math.pi) > 0.7
+    evidence.add(elsewhere, [])
+    following = make_depth_view(frame(STEP_M, world=block_world(8)))
+    assert evidence.heading_share(following, 0, math.pi) > 0.7
+    assert evidence.heading_share(following, 3, math.pi) < 0.21
+
+
 def symmetric_hall() -> RayScene:
     """Boxes along a hall that looks the same after half a turn about its middle; simulated."""
     rng = np.random.default_rng(5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.heading import HeadingTrack
 from depthprint.verification.settings import VerificationSettings
-from depthprint.verification.turns import turn_of
+from depthprint.verification.turns import Turn, turn_of
 from depthprint.verification.verifier import GeometricVerifier
 
 __all__ = ["EarlierFrames", "Hypothesis", "TemporalEvidence"]
@@ -74,19 +75,23 @@ class TemporalEvidence:
     def __init__(self, verifier: GeometricVerifier, *, heading: bool = True) -> None:
         self._odometry = DepthOdometry(verifier)
         self._headings = HeadingTrack() if heading else None
+        self._asked = True
         self._hypotheses: dict[int, tuple[Hypothesis, ...]] = {}
 
     def add(self, view: DepthView, hypotheses: Sequence[Hypothesis] | None = None) -> None:
         """Append a frame and where it may have been, best first; None where that was not asked."""
         number = len(self._odometry)
         if self._headings is not None:
-            self._headings.add(self._odometry.turn_to(view))
+            self._headings.add(
+                self._turn_to(view) if hypotheses is not None else self._odometry.turn_to(view)
+            )
             best = hypotheses[0] if hypotheses else None
             if best is not None and best.accepted and best.strength > _HOLDING_STRENGTH:
                 self._headings.hold(best.place, turn_of(best.T_match_query, view.projection))
         self._odometry.add(view)
         if hypotheses is not None:
             self._hypotheses[number] = tuple(hypotheses)
+        self._asked = hypotheses is not None
         self._hypotheses.pop(number - _REMEMBERED, None)
 
     def places_in_view(
@@ -134,7 +139,15 @@ class TemporalEvidence:
         """
         if self._headings is None or not view.settings.upright:
             return 1.0
-        return self._headings.share(place, turn_rad, self._odometry.turn_to(view), slack_rad)
+        return self._headings.share(place, turn_rad, self._turn_to(view), slack_rad)
+
+    def _turn_to(self, view: DepthView) -> Turn:
+        """Turn to a frame that is asked: after places that were not, of a map, it may start elsewhere."""
+        turn = self._odometry.turn_to(view)
+        latest = len(self._odometry) - 1
+        if self._asked or self._odometry.pose_of_next(latest, view) is not None:
+            return turn
+        return Turn(turn.left_rad, math.pi**2)
 
     def relative_pose(self, first: int, second: int) -> FloatArray | None:
         """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
