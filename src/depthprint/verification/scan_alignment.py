@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.projection import LaserRow
 from depthprint.verification.depth_view import DepthView
 
 __all__ = ["ScanAligner"]
@@ -14,6 +15,7 @@ __all__ = ["ScanAligner"]
 FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 20
+_BEAMS_APART = 1.5
 
 
 class ScanAligner:
@@ -30,7 +32,9 @@ class ScanAligner:
         normals = np.empty_like(target)
         line_normals(target, 0.5, normals)
         pose = _planar_pose(T_match_query)
-        align_scans(_planar(query), target, normals, pose, match.settings.max_pairing_m, _ITERATIONS)
+        align_scans(
+            _planar(query), target, normals, pose, match.settings.max_pairing_m, _spacing(match), _ITERATIONS
+        )
         return _spatial_pose(pose) if np.isfinite(pose).all() else T_match_query
 
     def residual(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> tuple[int, float]:
@@ -38,8 +42,16 @@ class ScanAligner:
         from depthprint._kernels.scan_icp import scan_residual
 
         limit = match.settings.max_pairing_m
-        paired, total = scan_residual(_planar(query), _planar(match), _planar_pose(T_match_query), limit)
+        paired, total = scan_residual(
+            _planar(query), _planar(match), _planar_pose(T_match_query), limit, _spacing(match)
+        )
         return int(paired), math.sqrt(total / paired) if paired else math.inf
+
+
+def _spacing(view: DepthView) -> float:
+    """How much further apart partners may be a metre of range: beams part, and walls are met aslant."""
+    step_rad = view.projection.angle_step_rad if isinstance(view.projection, LaserRow) else 0.0
+    return _BEAMS_APART * abs(step_rad)
 
 
 def _planar(view: DepthView) -> FloatArray:

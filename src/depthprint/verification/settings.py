@@ -39,7 +39,8 @@ class VerificationSettings:
         place that motion says is nearest is checked first.
     ground_clearance_m: where the sensor's height is known, points lower than this above the ground are not
         counted, since the ground of any two streets agrees.
-    forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries.
+    forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries; for
+        planar scans their extremes bound a search by correlation.
     coarse_overlap: a start under this overlap is not refined. refined_starts: best starts that are.
     whole_clouds: where the quick alignment by projection comes near but does not pass, align the whole clouds too.
     max_pairing_m: points further apart are no pair in the alignment. max_offset_m: a longer T_match_query is refused.
@@ -167,14 +168,16 @@ _HAND_HELD = VerificationSettings(
 _ROW = replace(
     _SPINNING,
     reach_m=50.0,
+    max_pairing_m=0.3,
+    min_points=30,
     voxel_m=0.1,
     noise=(0.05, 0.01, 0.0),
     reached_elsewhere=0.2,
     min_overlap_motion=0.4,
-    forward_m=(0.0, -1.0, 1.0, -2.0, 2.0, -3.0, 3.0, -4.0, 4.0),
-    sideways_m=(0.0, -1.0, 1.0, -2.0, 2.0),
-    yaw_rad=_degrees(0, -6, 6, -12, 12, -18, 18, -24, 24),
-    refined_starts=2,
+    forward_m=(-4.0, 4.0),
+    sideways_m=(-3.0, 3.0),
+    yaw_rad=_degrees(-32, 32),
+    refined_starts=4,
     motion_yaw_rad=_degrees(0, -42, 42),
     way_m=15.0,
 )

@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
 from depthprint.projection import LaserRow
-from depthprint.verification.agreement import best_starts, mutual_agreement
+from depthprint.verification.agreement import best_starts, coarse_overlaps, mutual_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.projective_alignment import ProjectiveAligner
 from depthprint.verification.scan_alignment import ScanAligner
+from depthprint.verification.scan_starts import correlated_starts
 from depthprint.verification.settings import VerificationSettings
 from depthprint.verification.starts import (
     kiss_matcher_installed,
@@ -56,9 +57,9 @@ class _Glance:
 class GeometricVerifier:
     """Align two views and test the pose by what each saw of the other's points.
 
-    A coarse search over ``settings`` offsets about the given yaw proposes starts; alignment by projection (point to
-    line for planar scans) refines the best few, and the pose of the largest agreement is refined on more points, by
-    small_gicp on the whole clouds too where ``settings`` say so, and judged.
+    A coarse search about the given yaw, by correlation for planar scans, proposes starts; alignment by projection
+    (point to line for planar scans) refines the best few, and the pose of the largest agreement is refined on more
+    points, by small_gicp on the whole clouds too where ``settings`` say so, and judged.
     kiss_matcher: 'fallback' asks it where no start of the search is accepted but one came near, 'never' does not.
     Without the package the search alone serves, and ``starts_from`` says so.
     Raises MissingExtraError without small_gicp where ``settings`` ask for whole clouds (hand-held views). Not safe
@@ -106,17 +107,16 @@ class GeometricVerifier:
         if given and max(glance.overlap for glance in given) >= enough:
             # A pose that is surely right makes a search for one idle.
             found = self._finished(query, match, max(given, key=lambda g: g.agreement), seconded)
-            if found.accepted and found.overlap > _CERTAIN:
+            if found.accepted and _certainty(found, match) > _CERTAIN:
                 return found
-        poses = self._grid(query, yaw_rad)
-        order, overlaps = best_starts(query, match, poses, settings.refined_starts)
-        best = int(order[0])
-        if overlaps[best] < settings.coarse_overlap and not given:
-            return refused_start(poses[best], float(overlaps[best]), "no start brings the views to overlap")
-        for start in order:
-            glance = self._glance(query, match, poses[start], False)
+        poses, overlaps = self._starts(query, match, yaw_rad)
+        if not given and not (len(poses) and overlaps.max() >= settings.coarse_overlap):
+            pose, overlap = (poses[0], float(overlaps.max())) if len(poses) else (np.eye(4), 0.0)
+            return refused_start(pose, overlap, "no start brings the views to overlap")
+        for start in poses:
+            glance = self._glance(query, match, start, False)
             given.append(glance)
-            if glance.overlap > _CERTAIN or glance.overlap < _HOPELESS * enough:
+            if _certainty(glance, match) > _CERTAIN or glance.overlap < _HOPELESS * enough:
                 break
             if all(_falls_short(other, settings, _MOST_GAIN_OF_STARTS) for other in given):
                 break
@@ -178,6 +178,17 @@ class GeometricVerifier:
         fine = self._quick.refine(query, match, whole, fine=True)
         return max(found, self._judge(query, match, fine, origin, seconded), key=_rank)
 
+    def _starts(
+        self, query: DepthView, match: DepthView, yaw_rad: float | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Poses (k, 4, 4) to align from, the best first, and their overlaps (k,)."""
+        if isinstance(query.projection, LaserRow):
+            poses = correlated_starts(query, match, yaw_rad)
+            return poses, coarse_overlaps(query, match, poses)
+        grid = self._grid(query, yaw_rad)
+        order, overlaps = best_starts(query, match, grid, match.settings.refined_starts)
+        return grid[order], overlaps[order]
+
     def _grid(self, query: DepthView, yaw_rad: float | None) -> FloatArray:
         grid = pose_grid(query.settings, query.projection)
         if yaw_rad is None:
@@ -221,6 +232,11 @@ class GeometricVerifier:
             offset_weight=match.settings.offset_weight,
         )
         return judged(found, match.settings, seconded=seconded)
+
+
+def _certainty(found: _Glance | Verification, match: DepthView) -> float:
+    """How much views agree, of which the walls of a corridor in a planar scan say little."""
+    return found.agreement if isinstance(match.projection, LaserRow) else found.overlap
 
 
 def _falls_short(glance: _Glance, settings: VerificationSettings, gain: float) -> bool:
