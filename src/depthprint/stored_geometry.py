@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -35,8 +35,9 @@ def thinned(image: RangeImage) -> RangeImage:
         raise DataError(f"{image.source or 'view'}: expected a pinhole image, got {type(camera).__name__}")
     step = math.ceil(max(image.shape) / LONGEST_SIDE_PX)
     ranges_m = image.ranges_m[::step, ::step]
-    lens = [value / step for value in (camera.fx, camera.fy, camera.cx, camera.cy)]
-    small = Pinhole(*lens, ranges_m.shape[1], ranges_m.shape[0])
+    height, width = ranges_m.shape
+    fx, fy, cx, cy = (value / step for value in _lens(camera))
+    small = Pinhole(fx, fy, cx, cy, width, height)
     mask = None if image.mask is None else image.mask[::step, ::step]
     return image.replace(ranges_m=ranges_m, projection=small, mask=mask)
 
@@ -87,6 +88,25 @@ class StoredGeometry:
             np.array([_lens(image.projection) for image in small]),
         )
 
+    def parts(self) -> dict[str, npt.NDArray[Any]]:
+        """Arrays that a file keeps."""
+        return {
+            "geometry_depths": self.depths,
+            "geometry_objects": np.packbits(self.objects),
+            "geometry_steps_m": self.steps_m,
+            "geometry_shapes": self.shapes,
+            "geometry_lenses": self.lenses,
+        }
+
+    @classmethod
+    def of_parts(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> StoredGeometry:
+        """What ``parts`` gave; raises KeyError where one is missing, DataError where they do not fit together."""
+        depths = arrays["geometry_depths"]
+        objects = np.unpackbits(arrays["geometry_objects"])[: len(depths)].astype(bool)
+        return cls(
+            depths, objects, arrays["geometry_steps_m"], arrays["geometry_shapes"], arrays["geometry_lenses"]
+        )
+
     def __len__(self) -> int:
         return len(self.shapes)
 
@@ -102,7 +122,8 @@ class StoredGeometry:
         pixels = slice(self._firsts[number], self._firsts[number + 1])
         depths = self.depths[pixels].reshape(height, width)
         ranges_m = np.where(depths > 0, depths * self.steps_m[number], np.nan).astype(np.float32)
-        camera = Pinhole(*(float(value) for value in self.lenses[number]), width, height)
+        fx, fy, cx, cy = (float(value) for value in self.lenses[number])
+        camera = Pinhole(fx, fy, cx, cy, width, height)
         return RangeImage(ranges_m, camera, mask=self.objects[pixels].reshape(height, width))
 
     @cached_property
