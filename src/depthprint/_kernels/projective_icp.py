@@ -11,7 +11,14 @@ from numba import njit
 
 from depthprint._kernels.pixels import SeenImage, find_pixels, move_points, moved_point, seen_by
 
-__all__ = ["align_by_projection", "move_pose", "projective_residual", "solve_step", "window_normals"]
+__all__ = [
+    "align_by_projection",
+    "move_pose",
+    "normal_equations",
+    "projective_residual",
+    "solve_step",
+    "window_normals",
+]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -189,7 +196,7 @@ def _linearised(
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(rows: Float64, n: int, hessian: Float64, gradient: Float64) -> None:
+def normal_equations(rows: Float64, n: int, hessian: Float64, gradient: Float64) -> None:
     """Fill the lower half of hessian (6, 6) and gradient (6,) from n rows, two by two: sums stay in registers."""
     for i in range(0, 6, 2):
         for j in range(0, i + 1, 2):
@@ -236,7 +243,7 @@ def align_by_projection(
         move_points(pose, points, 1, moved)
         find_pixels(image, moved, nowhere, work.rows, work.columns, work.reach)
         n = _linearised(pose, moved, normals, image, reach, work, rows)
-        _normal_equations(rows, n, hessian, gradient)
+        normal_equations(rows, n, hessian, gradient)
         for i in range(6):
             # keeps a pose where it is along what nothing tells
             hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from depthprint._kernels.projective_icp import move_pose, solve_step
+from depthprint._kernels.projective_icp import move_pose, normal_equations, solve_step
 
 __all__ = ["BACKGROUND", "OBJECT", "UNKNOWN", "SeenSurface", "align_surfaces", "surface_shares"]
 
@@ -176,12 +176,13 @@ def _refine(
     height, width = stored.depths.shape
     fx, fy, cx, cy = stored.lens[0], stored.lens[1], stored.lens[2], stored.lens[3]
     hessian, gradient, change = np.empty((6, 6)), np.empty(6), np.empty(6)
-    slope, rotation, room, middle = np.empty(6), np.empty((3, 3)), np.empty((3, 4)), np.empty(3)
+    rotation, room, middle = np.empty((3, 3)), np.empty((3, 4)), np.empty(3)
     asked = (len(query.points) + step - 1) // step
+    # Slope of the error (6,), error, weight; points beside the object have two rows.
+    rows = np.empty((2 * asked, 8))
     for time in range(times):
         reach = stored.size * wide * (narrow / wide) ** (time / max(1, times - 1))
-        hessian[:] = 0.0
-        gradient[:] = 0.0
+        n = 0
         for k in range(0, len(query.points), step):
             x, y, z, nx, ny, nz = _moved(query, k, pose)
             if z <= 0.0 or nx * x + ny * y + nz * z > 0.0:
@@ -204,15 +205,20 @@ def _refine(
                 error = mx * dx + my * dy + mz * dz
                 if likeness < _LEAST_PARTNER or abs(error) > reach:
                     continue
-                weight = likeness * (1.0 - (error / reach) ** 2) ** 2
-                slope[0], slope[1], slope[2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-                slope[3], slope[4], slope[5] = mx, my, mz
-                _add(slope, error, weight, hessian, gradient)
+                part = rows[n]
+                part[0], part[1], part[2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+                part[3], part[4], part[5] = mx, my, mz
+                part[6], part[7] = error, likeness * (1.0 - (error / reach) ** 2) ** 2
+                n += 1
             elif dx * dx + dy * dy + dz * dz <= 4.0 * reach * reach:
-                slope[0], slope[1], slope[2], slope[3], slope[4], slope[5] = 0.0, z, -y, 1.0, 0.0, 0.0
-                _add(slope, dx, _BESIDE, hessian, gradient)
-                slope[0], slope[1], slope[2], slope[3], slope[4] = -z, 0.0, x, 0.0, 1.0
-                _add(slope, dy, _BESIDE, hessian, gradient)
+                part = rows[n]
+                part[0], part[1], part[2], part[3], part[4], part[5] = 0.0, z, -y, 1.0, 0.0, 0.0
+                part[6], part[7] = dx, _BESIDE
+                part = rows[n + 1]
+                part[0], part[1], part[2], part[3], part[4], part[5] = -z, 0.0, x, 0.0, 1.0, 0.0
+                part[6], part[7] = dy, _BESIDE
+                n += 2
+        normal_equations(rows, n, hessian, gradient)
         for a in range(3):
             hessian[a, a] += _TURN_DAMPING * asked * stored.size * stored.size
             hessian[a + 3, a + 3] += _SHIFT_DAMPING * asked
@@ -223,12 +229,3 @@ def _refine(
         move_pose(pose, change, rotation, room)
         for a in range(3):
             pose[a, 3] += middle[a]
-
-
-@njit(cache=True, nogil=True)
-def _add(slope: Float64, error: float, weight: float, hessian: Float64, gradient: Float64) -> None:
-    for a in range(6):
-        part = weight * slope[a]
-        gradient[a] += part * error
-        for b in range(a + 1):
-            hessian[a, b] += part * slope[b]
