@@ -200,3 +200,11 @@ def test_kept_views_that_do_not_fit_together_are_refused(crops):
         StoredGeometry(kept.depths[1:], kept.objects, kept.steps_m, kept.shapes, kept.lenses)
     with pytest.raises(DataError, match="lenses"):
         StoredGeometry(kept.depths, kept.objects, kept.steps_m, kept.shapes, kept.lenses[:, :3])
+
+
+def test_some_of_the_kept_views_are_the_same_views(crops):
+    kept = StoredGeometry.of([image for _, image in crops[:4]])
+    some = kept.taken(np.array([2, 0, 2]))
+    for number, whole in enumerate((2, 0, 2)):
+        np.testing.assert_array_equal(some.image(number).ranges_m, kept.image(whole).ranges_m)
+        np.testing.assert_array_equal(some.surface(number).points, kept.surface(whole).points)

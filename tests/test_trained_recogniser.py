@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,8 @@ def test_what_a_saved_recogniser_aligns_queries_with_is_what_was_kept(recogniser
     assert len(kept) == len(recogniser.sources)
     for name in ("depths", "objects", "steps_m", "shapes", "lenses"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(kept, name))
+    with pytest.raises(DataError, match=r"geometry of \d+ views, got 2"):
+        replace(recogniser.stored, geometry=kept.taken(np.arange(2)))
 
 
 def test_the_alignment_of_objects_moves_scores_and_scenes_have_none(recogniser, views, monkeypatch):

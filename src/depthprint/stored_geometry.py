@@ -110,6 +110,17 @@ class StoredGeometry:
     def __len__(self) -> int:
         return len(self.shapes)
 
+    def taken(self, rows: npt.NDArray[np.integer]) -> StoredGeometry:
+        """Some of the views; one may be taken several times."""
+        pixels = [slice(self._firsts[k], self._firsts[k + 1]) for k in rows]
+        return StoredGeometry(
+            np.concatenate([self.depths[of_view] for of_view in pixels]),
+            np.concatenate([self.objects[of_view] for of_view in pixels]),
+            self.steps_m[rows],
+            self.shapes[rows],
+            self.lenses[rows],
+        )
+
     def surface(self, number: int) -> SeenSurface:
         """The surface of a view, made when first asked for."""
         if number not in self._surfaces:

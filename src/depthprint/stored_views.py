@@ -154,6 +154,12 @@ class StoredViews:
     surface_directions: Float32Array | None = None
     geometry: StoredGeometry | None = None
 
+    def __post_init__(self) -> None:
+        if self.geometry is not None and len(self.geometry) != len(self.views):
+            raise DataError(
+                f"stored views: expected the geometry of {len(self.views)} views, got {len(self.geometry)}"
+            )
+
     @cached_property
     def _landmark_batches(self) -> list[SignatureBatch]:
         return signature_batches(self.landmarks)
