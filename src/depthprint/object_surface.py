@@ -45,22 +45,28 @@ def object_surface(image: RangeImage) -> SeenSurface:
         seen = image.valid
     z_m = _smoothed(image.ranges_m, seen)
     normals = _normals(z_m, seen, camera)
+    slopes = np.zeros((*seen.shape, 3), dtype=np.float32)
+    slopes[seen] = normals
     beside = image.valid & ~seen
     kinds = np.where(seen, OBJECT, np.where(beside, BACKGROUND, UNKNOWN)).astype(np.int8)
     depths = np.where(seen, z_m, np.where(beside, image.ranges_m, np.nan)).astype(np.float32)
     rows, columns = distance_transform_edt(~seen, return_distances=False, return_indices=True)
-    points = (z_m[..., None] * camera.directions())[seen]
+    at = np.nonzero(seen)
+    z = z_m[at]
+    points = np.stack(
+        [z * ((at[1] - camera.cx) / camera.fx), z * ((at[0] - camera.cy) / camera.fy), z], axis=-1
+    )
     middle = points.mean(axis=0)
     chosen = _chosen(len(points))
     surface = SeenSurface(
         points=(points[chosen] - middle).astype(np.float32),
-        normals=normals[seen][chosen].astype(np.float32),
+        normals=normals[chosen].astype(np.float32),
         middle=np.asarray(middle, dtype=np.float64),
         size=max(float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean())), _LEAST_SIZE_M),
         depths=depths,
         kinds=kinds,
         nearest=(rows * camera.width + columns).astype(np.int32),
-        slopes=normals.astype(np.float32),
+        slopes=slopes,
         lens=np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
     )
     for values in surface:
@@ -87,19 +93,19 @@ def _smoothed(ranges_m: npt.NDArray[np.float32], seen: BoolArray) -> FloatArray:
 
 
 def _normals(z_m: FloatArray, seen: BoolArray, camera: Pinhole) -> FloatArray:
-    """Unit normals (h, w, 3) towards the camera, 0 beside the object; slopes are taken within the object alone."""
-    along_u, along_v = _slope(z_m, seen), _slope(z_m.T, seen.T).T
-    rows, columns = np.indices(z_m.shape)
+    """Unit normals (n, 3) towards the camera at the object's pixels; slopes are taken within the object alone."""
+    z = z_m[seen]
+    along_u, along_v = _slope(z_m, seen)[seen], _slope(z_m.T, seen.T).T[seen]
+    rows, columns = np.nonzero(seen)
     normals = np.stack(
         [
             camera.fx * along_u,
             camera.fy * along_v,
-            -(z_m + (columns - camera.cx) * along_u + (rows - camera.cy) * along_v),
+            -(z + (columns - camera.cx) * along_u + (rows - camera.cy) * along_v),
         ],
         axis=-1,
     )
-    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-    return np.where(seen[..., None], normals / np.maximum(lengths, 1e-12), 0.0)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12))
 
 
 def _slope(z_m: FloatArray, seen: BoolArray) -> FloatArray:
