@@ -103,7 +103,9 @@ def _with_stored(recogniser: TrainedRecogniser, n: int) -> TrainedRecogniser:
         multipliers = np.concatenate([half[rows] / copies for half in halves]).astype(np.float32)
     return TrainedRecogniser(
         recogniser.encoder,
-        replace(stored, views=views),
+        replace(
+            stored, views=views, geometry=None if stored.geometry is None else stored.geometry.taken(rows)
+        ),
         _taken(recogniser.view_labels, rows),
         _taken(recogniser.sources, rows),
         recogniser.calibration,

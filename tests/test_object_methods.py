@@ -5,8 +5,10 @@ import pytest
 
 from depthprint.encoder import Encoder
 from depthprint.errors import ModelError, SettingsError
+from depthprint.object_alignment import AGREEMENT_WEIGHT, align_object_views, proposed_views
 from depthprint.object_distances import complexity_distances, cosine_distances
-from depthprint.object_methods import OBJECT_METHODS, make_object_method
+from depthprint.object_methods import OBJECT_METHODS, make_object_method, make_object_methods
+from depthprint.object_recogniser import standardised
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.simulation.objects import simulated_objects
 
@@ -34,6 +36,27 @@ def test_categories_are_named_better_than_by_chance(name, crops):
     assert predicted.shape == test.shape
     assert np.mean(predicted == labels[test]) > 0.25
     assert method.us_per_pair > 0
+
+
+def test_geometry_is_all_that_parts_the_recogniser_from_the_row_without(crops):
+    images, categories = crops
+    labels = np.unique(categories, return_inverse=True)[1].astype(np.int64)
+    test = np.arange(0, len(images), 3)
+    train = np.setdiff1d(np.arange(len(images)), test)
+    checked, plain = make_object_methods(["recogniser", "no-geometry"])
+    for method in (checked, plain):
+        method.prepare(images)
+    scores, columns = plain.scores(train, labels[train], test)
+    with_geometry, same = checked.scores(train, labels[train], test)
+    np.testing.assert_array_equal(columns, same)
+    np.testing.assert_array_equal(checked.proposer.scores(train, labels[train], test)[0], scores)
+    likeness = plain.likeness(train, test)
+    for row, query in enumerate(test):
+        added = with_geometry[row] - standardised(scores[row : row + 1])[0]
+        views = proposed_views(scores[row], columns, labels[train], likeness[row])
+        own = [align_object_views(images[query], images[k]).agreement for k in train[views]]
+        best = [max(a for a, k in zip(own, views, strict=True) if labels[train[k]] == c) for c in columns]
+        np.testing.assert_allclose(added, AGREEMENT_WEIGHT * np.exp(3 * np.array(best)) / 5, rtol=1e-6)
 
 
 def test_distances_of_mirrored_presets_are_symmetric_and_zero_on_themselves(crops):

@@ -127,7 +127,7 @@ def test_the_row_without_partial_copies_does_not_depend_on_them(crops, monkeypat
 
     def scores():
         found = []
-        for method in make_object_methods(["recogniser", "no-partial"]):
+        for method in make_object_methods(["no-geometry", "no-partial"]):
             method.prepare(crops)
             found.append(method.scores(train, labels[train], test)[0])
         return found

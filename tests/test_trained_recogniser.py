@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,29 @@ def test_a_saved_recogniser_answers_the_same(recogniser, views, tmp_path):
     first, second = recogniser.recognise(image), loaded.recognise(image)
     assert first == second
     assert loaded.view_labels == recogniser.view_labels
+
+
+def test_what_a_saved_recogniser_aligns_queries_with_is_what_was_kept(recogniser, tmp_path):
+    kept = recogniser.stored.geometry
+    loaded = TrainedRecogniser.load(recogniser.save(tmp_path / "mine")).stored.geometry
+    assert len(kept) == len(recogniser.sources)
+    for name in ("depths", "objects", "steps_m", "shapes", "lenses"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(kept, name))
+    with pytest.raises(DataError, match=r"geometry of \d+ views, got 2"):
+        replace(recogniser.stored, geometry=kept.taken(np.arange(2)))
+
+
+def test_the_alignment_of_objects_moves_scores_and_scenes_have_none(recogniser, views, monkeypatch):
+    image = queries(views)[0][1]
+    before = recogniser.recognise(image)
+    monkeypatch.setattr(
+        "depthprint.trained_recogniser.aligned_agreements", lambda query, stored: np.zeros(len(stored))
+    )
+    assert recogniser.recognise(image).classes != before.classes
+    crops = [image for _, image in views[:6]]
+    scenes = TrainedRecogniser.fit(load_shipped_encoder("handheld"), crops, ["a"] * 3 + ["b"] * 3)
+    assert scenes.stored.geometry is None
+    assert scenes.recognise(crops[0]).classes[0][0] == "a"
 
 
 def test_a_damaged_or_another_file_is_refused(recogniser, tmp_path):

@@ -191,7 +191,7 @@ def test_the_row_with_turned_copies_differs_from_the_recogniser_by_them_alone(cr
 
     def scores():
         found = []
-        for method in make_object_methods(["recogniser", "with-turned"]):
+        for method in make_object_methods(["no-geometry", "with-turned"]):
             method.prepare(crops)
             found.append(method.scores(train, labels[train], test)[0])
         return found

@@ -167,6 +167,14 @@ class EncodedRecogniser(EncodedMethod):
         recogniser = FusedRecogniser().fit(fused_comparison(stored, shares), train_labels)
         return recogniser.scores(fused_comparison(asked, shares)), recogniser.labels
 
+    def likeness(self, train: IndexArray, test: IndexArray) -> npt.NDArray[np.float32]:
+        """Likeness (n_test, n_train) of the surfaces, of the codes where no part knows surfaces: minus the distance."""
+        for part in ("surfaces", "turned", "sizeless"):
+            if part in self._parts:
+                surfaces: SurfaceKernels = getattr(self.comparisons, part)()
+                return -surfaces.nearer(test, train)
+        return -self.comparisons.codes().nearer()[np.ix_(test, train)].astype(np.float32)
+
     def _compared(self, part: str, rows: IndexArray, train: IndexArray) -> ViewComparison:
         """How views ``rows`` compare with training views by one part."""
         grid = np.ix_(rows, train)

@@ -61,6 +61,11 @@ class LinearSvmMethod:
         machine = GramSvm(self._C).fit(among, np.tile(train_labels, len(among) // len(train)))
         return machine.scores(across), np.asarray(machine.labels)
 
+    def likeness(self, train: IndexArray, test: IndexArray) -> Float32Array:
+        """Inner product (n_test, n_train) with each training view, or with its mirror image where that is larger."""
+        _, across = self.features.products(train, test)
+        return np.asarray(across.reshape(len(test), -1, len(train)).max(axis=1))
+
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:
         """Label of the largest margin."""
         scores, labels = self.scores(train, train_labels, test)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,9 @@ from depthprint.place_methods import load_shipped_encoder
 from depthprint.range_image import RangeImage
 from depthprint.surface_comparisons import SurfaceComparisons
 
+if TYPE_CHECKING:
+    from depthprint.linear_object_methods import LinearSvmMethod
+
 __all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods", "table_methods"]
 
 Progress = Callable[[int, int], None]
@@ -29,6 +33,8 @@ LOCAL_SCALING = 10
 KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
+# Of the agreement of alignments beside these machines' margins, chosen as the recogniser's was.
+KDES_AGREEMENT_WEIGHT = 4.0
 
 # What the kernels and neighbours of rows that are the recogniser but for these are made of.
 _PARTS = {
@@ -71,6 +77,14 @@ def _fused(name: str, encoder: Encoder, parts: Sequence[str] | None = None) -> O
 
 
 def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.encoded_methods import EncodedRecogniser
+    from depthprint.geometry_checked import GeometryChecked
+    from depthprint.object_alignment import AGREEMENT_WEIGHT
+
+    return GeometryChecked(name, EncodedRecogniser(name, ObjectComparisons(encoder)), AGREEMENT_WEIGHT)
+
+
+def _no_geometry(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, encoder)
 
 
@@ -121,7 +135,7 @@ def _compression(name: str, encoder: Encoder) -> ObjectMethod:
     return PrecomputedDistanceMethod(distances, name, local_scaling=LOCAL_SCALING)
 
 
-def _kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
+def _kernel_descriptors(name: str, encoder: Encoder) -> LinearSvmMethod:
     from depthprint.baselines.kernel_descriptors.kinds import KINDS
     from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
 
@@ -135,6 +149,12 @@ def _kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
         seed=encoder.settings.seed,
     )
     return LinearSvmMethod(name, features, C=KDES_C)
+
+
+def _checked_kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.geometry_checked import GeometryChecked
+
+    return GeometryChecked(name, _kernel_descriptors(name, encoder), KDES_AGREEMENT_WEIGHT)
 
 
 def _hog(name: str, encoder: Encoder) -> ObjectMethod:
@@ -154,6 +174,7 @@ def _sparse_pyramid(name: str, encoder: Encoder) -> ObjectMethod:
 
 OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "recogniser": _recogniser,
+    "no-geometry": _no_geometry,
     "emd": _emd,
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
@@ -187,6 +208,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "kdes-size-aided": _kernel_descriptors,
     "kdes-all-aided": _kernel_descriptors,
     "kdes-all-aided-turned": _kernel_descriptors,
+    "kdes-all-aided-geometry": _checked_kernel_descriptors,
     "hog-svm": _hog,
     "sparse-pyramid-svm": _sparse_pyramid,
 }
@@ -217,17 +239,24 @@ def make_object_methods(
     Raises as ``make_object_method`` does.
     """
     from depthprint.encoded_methods import EncodedMethod
+    from depthprint.geometry_checked import GeometryChecked, ViewAgreements
 
     encoder = load_shipped_encoder(preset) if model is None else model
     methods = [make_object_method(name, preset, encoder) for name in names]
     shared: dict[int, ObjectComparisons] = {}
-    surfaces = SurfaceComparisons()
+    surfaces, agreements = SurfaceComparisons(), ViewAgreements()
     for method in methods:
+        if isinstance(method, GeometryChecked):
+            method.agreements = agreements
+    proposers: list[ObjectMethod] = [
+        method.proposer if isinstance(method, GeometryChecked) else method for method in methods
+    ]
+    for method in proposers:
         if isinstance(method, EncodedMethod):
             own = method.comparisons
             own.shared_surfaces = surfaces
             method.comparisons = shared.setdefault(id(own.encoder), own)
-    _share_descriptors(methods)
+    _share_descriptors(proposers)
     return methods
 
 

@@ -16,6 +16,7 @@ from depthprint.io.archive import DAMAGED, read_archive, write_archive
 from depthprint.object_kernels import DistanceFeatures
 from depthprint.recogniser_calibration import Calibration
 from depthprint.signature import SignatureBatch
+from depthprint.stored_geometry import StoredGeometry
 from depthprint.stored_views import StoredViews, ViewFeatures
 from depthprint.surface_words import SurfaceWords
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 
 SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
 
@@ -60,6 +61,8 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         for kind in SURFACE_ARRAYS:
             arrays[kind] = np.asarray(getattr(stored.views, kind))
         arrays["multipliers"] = np.asarray(recogniser.multipliers)
+    if stored.geometry is not None:
+        arrays |= stored.geometry.parts()
     for number in range(len(encoder.settings.streams)):
         batch = SignatureBatch.stack([e.signatures[number] for e in stored.landmarks])
         arrays |= {
@@ -94,6 +97,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
             surface_directions=arrays["surface_directions"].astype(np.float32)
             if "surface_directions" in arrays
             else None,
+            geometry=None if header["surface_gammas"] is None else StoredGeometry.of_parts(arrays),
         )
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
         calibration = Calibration(float(header["temperature"]), novelty)

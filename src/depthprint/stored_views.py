@@ -18,6 +18,7 @@ from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_co
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
+from depthprint.stored_geometry import StoredGeometry
 from depthprint.surface_words import SurfaceWords
 
 __all__ = [
@@ -141,8 +142,8 @@ class ViewFeatures:
 class StoredViews:
     """Directions of the pooled codes (d, r), landmark encodings with their features, and the views learned from.
 
-    words, surface_directions: the vocabulary of the surface vectors and their directions; None where surfaces are not
-    compared.
+    words, surface_directions: the vocabulary of the surface vectors and their directions; geometry: the views
+    themselves, for alignment. None where surfaces are not compared.
     """
 
     directions: Float32Array
@@ -151,6 +152,13 @@ class StoredViews:
     views: ViewFeatures
     words: SurfaceWords | None = None
     surface_directions: Float32Array | None = None
+    geometry: StoredGeometry | None = None
+
+    def __post_init__(self) -> None:
+        if self.geometry is not None and len(self.geometry) != len(self.views):
+            raise DataError(
+                f"stored views: expected the geometry of {len(self.views)} views, got {len(self.geometry)}"
+            )
 
     @cached_property
     def _landmark_batches(self) -> list[SignatureBatch]:
@@ -245,7 +253,8 @@ def store_views(
     surface_directions = _leading_directions(np.concatenate([*whole, *copies]), seed)
     surfaces = [*_along(surface_directions, whole), *_along(surface_directions, copies)]
     views = ViewFeatures(views.straight, views.mirrored, views.landmark, *surfaces)
-    return StoredViews(directions, landmarks, learned, views, words, surface_directions)
+    geometry = StoredGeometry.of(images)
+    return StoredViews(directions, landmarks, learned, views, words, surface_directions, geometry)
 
 
 def _code_sides(

@@ -12,11 +12,19 @@ import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
-from depthprint.object_recogniser import FusedRecogniser
+from depthprint.object_alignment import (
+    AGREEMENT_WEIGHT,
+    aligned_agreements,
+    proposed_views,
+    with_agreement,
+)
+from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.recogniser_calibration import Calibration, calibrate
-from depthprint.stored_views import StoredViews, ViewFeatures, store_views
+from depthprint.stored_geometry import StoredGeometry
+from depthprint.stored_views import StoredViews, store_views
 from depthprint.surface_words import SurfaceWords
 
 __all__ = ["Recognition", "TrainedRecogniser"]
@@ -48,6 +56,7 @@ class TrainedRecogniser:
 
     The fused recogniser over short vectors: the leading directions of the pooled codes, for objects those of their
     surfaces too, and the information distance to a few landmarks, so that a query solves few EMDs whatever was stored.
+    Of objects, the best few classes are checked by aligning the query with their likest views.
     """
 
     def __init__(
@@ -100,7 +109,7 @@ class TrainedRecogniser:
         words = SurfaceWords.load() if surfaces else None
         stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
         calibration = calibrate(
-            lambda train, known, test: _score(stored.views, train, known, test),
+            lambda train, known, test: _score(stored, images, train, known, test),
             np.asarray(labels),
             np.asarray(objects),
             seed,
@@ -125,7 +134,14 @@ class TrainedRecogniser:
         features = self.stored.encode_and_describe(self.encoder, images)
         comparison = features.compared_with(self.stored.views)
         distances = comparison.distances[0]
-        scores = self._fused.scores(comparison).mean(axis=0)
+        scores = _checked(
+            self._fused.scores(comparison),
+            self._fused.labels,
+            self.stored.geometry,
+            images,
+            np.asarray(self.view_labels),
+            _nearness(comparison, len(self.sources)),
+        ).mean(axis=0)
         shares, none = self.calibration.probabilities(scores, float(distances.min(axis=1).mean()))
         order = np.argsort(-shares, kind="stable")
         nearest = int(distances.min(axis=0).argmin())
@@ -158,9 +174,44 @@ class TrainedRecogniser:
 
 
 def _score(
-    views: ViewFeatures, train: IntArray, labels: npt.NDArray[Any], test: IntArray
+    kept: StoredViews, images: Sequence[RangeImage], train: IntArray, labels: npt.NDArray[Any], test: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    stored, asked = views.taken(train), views.taken(test)
+    stored, asked = kept.views.taken(train), kept.views.taken(test)
     fused = FusedRecogniser().fit(stored.compared_with(stored), labels)
     comparison = asked.compared_with(stored)
-    return fused.scores(comparison), np.asarray(comparison.distances[0].min(axis=1), dtype=np.float64)
+    scores = _checked(
+        fused.scores(comparison),
+        fused.labels,
+        kept.geometry,
+        [images[k] for k in test],
+        labels,
+        _nearness(comparison, len(train)),
+        train,
+    )
+    return scores, np.asarray(comparison.distances[0].min(axis=1), dtype=np.float64)
+
+
+def _nearness(comparison: ViewComparison, n_views: int) -> npt.NDArray[np.floating[Any]]:
+    """Likeness (m, n) of the stored views by what was compared last, surfaces where there are any."""
+    return -comparison.distances[-1][:, :n_views]
+
+
+def _checked(
+    scores: FloatArray,
+    labels: npt.NDArray[Any],
+    geometry: StoredGeometry | None,
+    images: Sequence[RangeImage],
+    view_labels: npt.NDArray[Any],
+    nearness: npt.NDArray[np.floating[Any]],
+    numbers: IntArray | None = None,
+) -> FloatArray:
+    """Scores (m, c) with what the alignment of each image says; ``numbers`` of the stored views, None: as they are."""
+    if geometry is None:
+        return scores
+    rows = []
+    for row, image in enumerate(images):
+        views = proposed_views(scores[row], labels, view_labels, nearness[row])
+        kept = [geometry.surface(int(k)) for k in (views if numbers is None else numbers[views])]
+        agreements = aligned_agreements(object_surface(image), kept)
+        rows.append(with_agreement(scores[row], labels, view_labels[views], agreements, AGREEMENT_WEIGHT))
+    return np.stack(rows)

@@ -12,7 +12,7 @@ from depthprint.errors import DataError, SettingsError
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 
-__all__ = ["TURNS_DEG", "turned_copies", "turned_view"]
+__all__ = ["TURNS_DEG", "turn_of_points", "turned_copies", "turned_view"]
 
 # Neighbouring pixels whose depths are further apart than this share of them lie on two surfaces.
 _LARGEST_STEP = 0.02
@@ -43,11 +43,11 @@ def turned_view(image: RangeImage, up_deg: float, right_deg: float) -> RangeImag
     before_m = np.where(seen, image.ranges_m, np.nan).astype(np.float64)
     points = before_m[..., None] * camera.directions()
     middle = points[seen].mean(axis=0)
-    return _drawn(image, camera, before_m, (points - middle) @ _rotation(up_deg, right_deg).T + middle)
+    return _drawn(image, camera, before_m, (points - middle) @ turn_of_points(up_deg, right_deg).T + middle)
 
 
-def _rotation(up_deg: float, right_deg: float) -> npt.NDArray[np.float64]:
-    """What the points do (x right, y down, z forward) when the camera goes to the right, then up."""
+def turn_of_points(up_deg: float, right_deg: float) -> npt.NDArray[np.float64]:
+    """Rotation (3, 3) of the points (x right, y down, z forward) when the camera goes to the right, then up."""
     up, right = math.radians(up_deg), math.radians(right_deg)
     about_y = np.array(
         [[math.cos(right), 0.0, math.sin(right)], [0.0, 1.0, 0.0], [-math.sin(right), 0.0, math.cos(right)]]

@@ -11,7 +11,14 @@ from numba import njit
 
 from depthprint._kernels.pixels import SeenImage, find_pixels, move_points, moved_point, seen_by
 
-__all__ = ["align_by_projection", "projective_residual", "window_normals"]
+__all__ = [
+    "align_by_projection",
+    "move_pose",
+    "normal_equations",
+    "projective_residual",
+    "solve_step",
+    "window_normals",
+]
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
@@ -100,7 +107,7 @@ def window_normals(
 
 
 @njit(cache=True, nogil=True)
-def _solve(hessian: Float64, gradient: Float64, step: Float64) -> bool:
+def solve_step(hessian: Float64, gradient: Float64, step: Float64) -> bool:
     """Solve the 6 x 6 system by Cholesky's factors, in place; False where it is not positive definite."""
     for j in range(6):
         for i in range(j, 6):
@@ -127,7 +134,7 @@ def _solve(hessian: Float64, gradient: Float64, step: Float64) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _move(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> None:
+def move_pose(pose: Float64, step: Float64, rotation: Float64, moved: Float64) -> None:
     """Put exp(step) in front of a pose: step (6,) is a rotation vector and a translation; the rest is room to work."""
     wx, wy, wz = step[0], step[1], step[2]
     angle = math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -189,7 +196,7 @@ def _linearised(
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(rows: Float64, n: int, hessian: Float64, gradient: Float64) -> None:
+def normal_equations(rows: Float64, n: int, hessian: Float64, gradient: Float64) -> None:
     """Fill the lower half of hessian (6, 6) and gradient (6,) from n rows, two by two: sums stay in registers."""
     for i in range(0, 6, 2):
         for j in range(0, i + 1, 2):
@@ -236,13 +243,13 @@ def align_by_projection(
         move_points(pose, points, 1, moved)
         find_pixels(image, moved, nowhere, work.rows, work.columns, work.reach)
         n = _linearised(pose, moved, normals, image, reach, work, rows)
-        _normal_equations(rows, n, hessian, gradient)
+        normal_equations(rows, n, hessian, gradient)
         for i in range(6):
             # keeps a pose where it is along what nothing tells
             hessian[i, i] = hessian[i, i] * (1.0 + _DAMPING) + 1e-6
-        if not _solve(hessian, gradient, step):
+        if not solve_step(hessian, gradient, step):
             break
-        _move(pose, step, rotation, moved_pose)
+        move_pose(pose, step, rotation, moved_pose)
         turned = abs(step[0]) + abs(step[1]) + abs(step[2])
         shifted = abs(step[3]) + abs(step[4]) + abs(step[5])
         least = image.tolerance[0]
