@@ -23,6 +23,8 @@ __all__ = ["LONGEST_SIDE_PX", "StoredGeometry", "thinned"]
 
 LONGEST_SIDE_PX = 64
 _STEPS = 65535
+# Some 100 kB each.
+_KEPT_SURFACES = 1024
 
 
 def thinned(image: RangeImage) -> RangeImage:
@@ -122,8 +124,10 @@ class StoredGeometry:
         )
 
     def surface(self, number: int) -> SeenSurface:
-        """The surface of a view, made when first asked for."""
+        """The surface of a view, made when it is asked for; those made last are kept."""
         if number not in self._surfaces:
+            if len(self._surfaces) == _KEPT_SURFACES:
+                del self._surfaces[next(iter(self._surfaces))]
             self._surfaces[number] = object_surface(self.image(number))
         return self._surfaces[number]
 
