@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.projection import LaserRow
 from depthprint.rigid_motion import inverse_pose
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.turns import Turn, likeliest, turn_between
@@ -107,9 +108,12 @@ class DepthOdometry:
         if self._last is None:
             return None
         if self._step is None or self._step.view is not view:
-            tried = [self._verifier.refine(view, self._last, self._motion)]
+            tried: list[Verification] = []
+            if not isinstance(view.projection, LaserRow):
+                # One row alone may agree with the last wherever along its walls.
+                tried.append(self._verifier.refine(view, self._last, self._motion))
             for yaw_rad in view.settings.motion_yaw_rad:
-                if tried[-1].accepted:
+                if tried and tried[-1].accepted:
                     break
                 tried.append(self._verifier.verify(view, self._last, yaw_rad=yaw_rad, starts=(self._motion,)))
             found = likeliest(tried, view.projection)
