@@ -65,6 +65,15 @@ def test_a_view_of_elsewhere_starts_another_chain():
     assert odometry.pose_of_next(2, make_depth_view(frame(STEP_M, world=block_world(8)))) is not None
 
 
+@pytest.mark.parametrize("step", [STEP_M, -STEP_M, 0.5])
+def test_a_stop_does_not_hold_the_step_after_it(step):
+    odometry = odometry_along([0.0, STEP_M, STEP_M])
+    found = odometry.pose_of_next(2, make_depth_view(frame(STEP_M + step)))
+    assert found is not None
+    metres, _ = pose_error(found, true_pose(STEP_M, STEP_M + step))
+    assert metres < 0.1
+
+
 def test_a_planar_scan_is_followed_round_a_corner():
     odometry = DepthOdometry(GeometricVerifier())
     odometry.add(make_depth_view(frame(0.0)))
