@@ -65,12 +65,12 @@ def test_a_view_of_elsewhere_starts_another_chain():
     assert odometry.pose_of_next(2, make_depth_view(frame(STEP_M, world=block_world(8)))) is not None
 
 
-@pytest.mark.parametrize("step", [STEP_M, -STEP_M, 0.5])
-def test_a_stop_does_not_hold_the_step_after_it(step):
-    odometry = odometry_along([0.0, STEP_M, STEP_M])
-    found = odometry.pose_of_next(2, make_depth_view(frame(STEP_M + step)))
+def test_a_stop_does_not_hold_the_step_after_it():
+    there = 3 * STEP_M
+    odometry = odometry_along([0.0, there, there])
+    found = odometry.pose_of_next(2, make_depth_view(frame(there - STEP_M)))
     assert found is not None
-    metres, _ = pose_error(found, true_pose(STEP_M, STEP_M + step))
+    metres, _ = pose_error(found, true_pose(there, there - STEP_M))
     assert metres < 0.1
 
 
