@@ -31,7 +31,7 @@ __all__ = [
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
-# Chosen on views of training objects: see docs/results.md.
+# Chosen on views of training objects: see docs/experiments.md.
 STARTS_DEG = ((-30.0, 0.0), (-15.0, 0.0), (0.0, 0.0), (15.0, 0.0), (30.0, 0.0))
 CHECKED_CLASSES = 10
 CHECKED_VIEWS = 3
