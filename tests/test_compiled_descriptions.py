@@ -12,7 +12,7 @@ from depthprint.baselines.kernel_descriptors.kinds import KINDS
 from depthprint.baselines.kernel_descriptors.match_features import PYRAMID, Vocabulary
 from depthprint.baselines.kernel_descriptors.match_kernel import gaussian_kernel, gaussian_products
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
-from depthprint.classification import NearestComplexityClassifier, class_distances
+from depthprint.classification import NearestComplexityClassifier
 from depthprint.encoding import Encoding
 from depthprint.object_distances import compare_complexities
 from depthprint.patches import extract_patches
@@ -238,7 +238,7 @@ def test_distances_by_class_are_those_of_the_ranking():
     classifier = NearestComplexityClassifier(local_scaling=3).fit((among + among.T) / 2, labels)
     queries = generator.random((6, 30))
     ranking = classifier.predict_with_distances(queries)
-    found = class_distances(classifier, queries)
+    found = classifier.nearest_by_class(queries)
     for row, (classes, distances) in enumerate(zip(ranking.labels, ranking.distances, strict=True)):
         order = np.searchsorted(classifier.classes_, classes)
         np.testing.assert_array_equal(found[row, order], distances)

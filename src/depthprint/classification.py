@@ -14,7 +14,7 @@ from sklearn.utils.validation import check_array, check_is_fitted, column_or_1d,
 
 from depthprint.errors import DataError, SettingsError
 
-__all__ = ["ClassRanking", "NearestComplexityClassifier", "class_distances"]
+__all__ = ["ClassRanking", "NearestComplexityClassifier"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -198,11 +198,6 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
         product = np.sqrt(query_scales[:, None] * self._scales[None, :])
         # A zero scale means duplicates at distance zero; the smallest positive number keeps 0/0 out.
         return np.asarray(distances / np.maximum(product, np.finfo(np.float64).tiny ** 0.5))
-
-
-def class_distances(classifier: NearestComplexityClassifier, distances: npt.ArrayLike) -> FloatArray:
-    """Distance (m, c) of each query to the nearest stored object of each class, columns as ``classes_``."""
-    return classifier.nearest_by_class(distances)
 
 
 def _is_integer(value: object) -> bool:

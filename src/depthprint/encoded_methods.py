@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.classification import NearestComplexityClassifier, class_distances
+from depthprint.classification import NearestComplexityClassifier
 from depthprint.errors import DataError, SettingsError
 from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import MirroredDistances
@@ -85,7 +85,7 @@ class EncodedNearest(EncodedMethod):
         distances = self._distances()
         classifier = NearestComplexityClassifier(local_scaling=self._local_scaling)
         classifier.fit(distances[np.ix_(train, train)], train_labels)
-        return -class_distances(classifier, distances[np.ix_(test, train)]), classifier.classes_
+        return -classifier.nearest_by_class(distances[np.ix_(test, train)]), classifier.classes_
 
     def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:
         """Numbers (n_test, k) of the nearest training views, nearest first."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.evaluation.object_methods import ObjectMethod
-from depthprint.object_alignment import aligned_agreements, proposed_views, with_agreement
+from depthprint.object_alignment import aligned_agreements, checked_scores
 from depthprint.range_image import RangeImage
 
 if TYPE_CHECKING:
@@ -97,9 +97,9 @@ class GeometryChecked:
         """Scores (n_test, n_labels), larger is better, and the labels of their columns."""
         proposed, labels = self.proposer.scores(train, train_labels, test)
         likeness = self.proposer.likeness(train, test)
-        rows = []
-        for row, query in enumerate(test):
-            views = proposed_views(proposed[row], labels, train_labels, likeness[row])
-            agreements = self.agreements.between(int(query), train[views])
-            rows.append(with_agreement(proposed[row], labels, train_labels[views], agreements, self._weight))
-        return np.stack(rows), labels
+
+        def agreements_with(query: int, views: IndexArray) -> FloatArray:
+            return self.agreements.between(int(test[query]), train[views])
+
+        checked = checked_scores(proposed, labels, train_labels, likeness, agreements_with, self._weight)
+        return checked, labels

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ __all__ = [
     "SurfaceAlignment",
     "align_object_views",
     "aligned_agreements",
+    "checked_scores",
     "proposed_views",
     "with_agreement",
 ]
@@ -87,6 +88,27 @@ def aligned_agreements(query: SeenSurface, stored: Sequence[SeenSurface]) -> Flo
 
     for_blocks(len(stored), 8, work)
     return agreements
+
+
+def checked_scores(
+    scores: FloatArray,
+    labels: npt.NDArray[Any],
+    view_labels: npt.NDArray[Any],
+    likeness: npt.NDArray[Any],
+    agreements_with: Callable[[int, IndexArray], FloatArray],
+    weight: float,
+) -> FloatArray:
+    """Scores (m, c) of queries with what their alignment with the views that they propose says, as ``with_agreement``.
+
+    labels (c,) of the classes; view_labels (n,) of the stored views, likeness (m, n) to them. agreements_with: of a
+    query's number and those of some stored views, how far it agrees with each.
+    """
+    rows = []
+    for query, proposed in enumerate(scores):
+        views = proposed_views(proposed, labels, view_labels, likeness[query])
+        agreements = agreements_with(query, views)
+        rows.append(with_agreement(proposed, labels, view_labels[views], agreements, weight))
+    return np.stack(rows)
 
 
 def proposed_views(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.classification import NearestComplexityClassifier, class_distances
+from depthprint.classification import NearestComplexityClassifier
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 
@@ -125,7 +125,7 @@ class FusedRecogniser:
                 )
             total += standardised(np.asarray(queries.machine_kernel @ self.multipliers, dtype=np.float64))
         for classifier, distances in zip(self._nearest, queries.distances, strict=True):
-            nearest = -class_distances(classifier, distances)
+            nearest = -classifier.nearest_by_class(distances)
             total += self.nearest_share / len(self._nearest) * standardised(nearest)
         return total
 

@@ -12,12 +12,7 @@ import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
-from depthprint.object_alignment import (
-    AGREEMENT_WEIGHT,
-    aligned_agreements,
-    proposed_views,
-    with_agreement,
-)
+from depthprint.object_alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
 from depthprint.object_recogniser import FusedRecogniser, ViewComparison
 from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole
@@ -208,10 +203,9 @@ def _checked(
     """Scores (m, c) with what the alignment of each image says; ``numbers`` of the stored views, None: as they are."""
     if geometry is None:
         return scores
-    rows = []
-    for row, image in enumerate(images):
-        views = proposed_views(scores[row], labels, view_labels, nearness[row])
+
+    def agreements_with(query: int, views: IntArray) -> FloatArray:
         kept = [geometry.surface(int(k)) for k in (views if numbers is None else numbers[views])]
-        agreements = aligned_agreements(object_surface(image), kept)
-        rows.append(with_agreement(scores[row], labels, view_labels[views], agreements, AGREEMENT_WEIGHT))
-    return np.stack(rows)
+        return aligned_agreements(object_surface(images[query]), kept)
+
+    return checked_scores(scores, labels, view_labels, nearness, agreements_with, AGREEMENT_WEIGHT)

@@ -114,10 +114,8 @@ class PrecomputedDistanceMethod:
         self, train: IndexArray, train_labels: IndexArray, test: IndexArray
     ) -> tuple[FloatArray, IndexArray]:
         """Negated distance to the nearest training view of each label."""
-        from depthprint.classification import class_distances
-
         classifier = self._fitted(train, train_labels)
-        nearest = class_distances(classifier, self.distances[np.ix_(test, train)])
+        nearest = classifier.nearest_by_class(self.distances[np.ix_(test, train)])
         return -nearest, np.asarray(classifier.classes_)
 
     def neighbours(self, train: IndexArray, test: IndexArray, k: int) -> IndexArray:

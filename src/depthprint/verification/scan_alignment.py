@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthprint.projection import LaserRow
 from depthprint.verification.depth_view import DepthView
 
-__all__ = ["ScanAligner"]
+__all__ = ["ScanAligner", "spatial_pose"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class ScanAligner:
         align_scans(
             _planar(query), target, normals, pose, match.settings.max_pairing_m, _spacing(match), _ITERATIONS
         )
-        return _spatial_pose(pose) if np.isfinite(pose).all() else T_match_query
+        return spatial_pose(pose) if np.isfinite(pose).all() else T_match_query
 
     def residual(self, query: DepthView, match: DepthView, T_match_query: FloatArray) -> tuple[int, float]:
         """Points of the query that have a neighbour within pairing distance, and their rms distance, metres."""
@@ -62,7 +62,8 @@ def _planar_pose(T: FloatArray) -> FloatArray:
     return np.array([T[0, 3], T[1, 3], math.atan2(T[1, 0], T[0, 0])])
 
 
-def _spatial_pose(pose: FloatArray) -> FloatArray:
+def spatial_pose(pose: FloatArray) -> FloatArray:
+    """The pose (4, 4) of x, y and yaw (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     T = np.eye(4)
     T[:2, :2] = (c, -s), (s, c)

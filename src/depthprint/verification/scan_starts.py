@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.verification.depth_view import DepthView
+from depthprint.verification.scan_alignment import spatial_pose
 
 __all__ = ["correlated_starts"]
 
@@ -59,7 +60,7 @@ def correlated_starts(query: DepthView, match: DepthView, yaw_rad: float | None)
         points, shares, _nearness(match, size), _CELL_M, yaws, ahead, aside,
         round(_BESIDE_M / _CELL_M), _BESIDE_RAD, _LEAST_SHARE, poses,
     )  # fmt: skip
-    return _spatial(poses[:found])
+    return np.array([spatial_pose(pose) for pose in poses[:found]]).reshape(-1, 4, 4)
 
 
 def _nearness(view: DepthView, size: int) -> npt.NDArray[np.uint8]:
@@ -78,12 +79,3 @@ def _nearness(view: DepthView, size: int) -> npt.NDArray[np.uint8]:
         fields[level] = wider
         np.maximum(wider[:-width], wider[width:], out=fields[level, :-width])
     return fields
-
-
-def _spatial(planar: FloatArray) -> FloatArray:
-    """Poses (k, 4, 4) of x, y and yaw (k, 3)."""
-    T = np.tile(np.eye(4), (len(planar), 1, 1))
-    c, s = np.cos(planar[:, 2]), np.sin(planar[:, 2])
-    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, :2, 3] = planar[:, :2]
-    return T
