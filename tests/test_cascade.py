@@ -239,6 +239,22 @@ def test_only_the_best_few_are_checked():
     assert len(recognizer.query(recognizer.describe(row_at(1, 0.5)), k=9, limit=2)) == 2
 
 
+def test_of_planar_scans_the_proposal_that_correlates_best_is_checked_first():
+    checked = {}
+    for correlated in (0, 3, 2):
+        recognizer = VerifiedRecognizer(
+            Listed([0.1, 0.3, 0.9, 0.95]), k=1, spread=1, correlated=correlated, climb=False
+        )
+        for seed in (0, 3, 1, 2):
+            recognizer.add(recognizer.describe(row_at(seed, 0.0)))
+        found = recognizer.query(recognizer.describe(row_at(1, 0.4)), k=4)
+        checked[correlated] = {m.place for m in found if m.verification is not None}
+    # The right place is the third proposed.
+    assert checked[0] == {0}
+    assert checked[3] == {2}
+    assert checked[2] <= {0, 1}
+
+
 def test_climbing_names_the_neighbour_seen_from_nearest():
     track = [row_at(4, -2.0 + i) for i in range(PLACES)]
     query = row_at(4, 3.1)
@@ -446,6 +462,7 @@ def test_spread_proposals_keep_their_order():
         {"verified": 0},
         {"spread": 0},
         {"turned": -1},
+        {"correlated": -1},
         {"vector_weight": 1.5},
         {"vectors": False, "exact": False},
         {"thumbnail_weight": -0.1},
@@ -457,7 +474,9 @@ def test_settings_that_cannot_be_raise(bad):
         CascadeSettings(**bad)
 
 
-@pytest.mark.parametrize("bad", [{"k": 0}, {"spread": 0}, {"consistency": -1}, {"pool": 0}])
+@pytest.mark.parametrize(
+    "bad", [{"k": 0}, {"spread": 0}, {"consistency": -1}, {"correlated": -1}, {"pool": 0}]
+)
 def test_wrapper_settings_that_cannot_be_raise(bad):
     with pytest.raises(SettingsError, match="got"):
         VerifiedRecognizer(Listed([]), **bad)

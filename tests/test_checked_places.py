@@ -44,6 +44,24 @@ def test_of_two_views_of_one_road_the_nearer_is_named_whatever_earlier_frames_sa
     assert checks.ranked()[0].distance == min(match.distance for match in checks.ranked())
 
 
+def test_a_view_beside_it_that_would_put_the_query_elsewhere_is_not_named():
+    """Along a corridor a scan slips, and may then agree better than where it was taken."""
+    right, slipped = (63, accepted(0.45, 1.0), 0.5), (66, accepted(0.5, 0.0), 0.0)
+    asked = []
+
+    def one_spot(first, T_first_query, second, T_second_query):
+        asked.append((first, T_first_query[0, 3], second, T_second_query[0, 3]))
+        return len({first, second} & {66}) == 0
+
+    for tells, named in ((None, 66), (one_spot, 63)):
+        checks = CheckedPlaces([PlaceMatch(63, 0.5), PlaceMatch(66, 0.5)], 4, tells)
+        for place, found, support in (right, slipped):
+            checks.add(place, found, EarlierFrames(support), plausible=True)
+        assert checks.best == named
+        assert checks.ranked()[0].place == named
+    assert set(asked) == {(63, 1.0, 66, 0.0)}
+
+
 def test_of_two_roads_the_one_that_earlier_frames_lead_to_is_named():
     checks = checks_of((63, accepted(0.53, 2.0), 0.5), (200, accepted(0.6, 2.0), 0.0))
     assert checks.best == 63

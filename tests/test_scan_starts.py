@@ -16,7 +16,7 @@ from depthprint._kernels.scan_icp import scan_residual
 from depthprint.projection import LaserRow
 from depthprint.range_image import RangeImage
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.scan_starts import _nearness, correlated_starts
+from depthprint.verification.scan_starts import _FINE, _nearness, correlated_starts, correlation_shares
 from depthprint.verification.verifier import GeometricVerifier
 
 CELL_M, SIZE = 0.1, 128
@@ -81,7 +81,8 @@ def test_branch_and_bound_finds_the_best_of_all_offsets_and_turns(seed, ahead, a
     weights = rng.integers(1, 40, 30)
     yaws = np.array([-0.1, 0.0, 0.1])
     poses = np.empty((3, 3))
-    found = best_correlations(points, weights, fields, CELL_M, yaws, ahead, aside, 3, 0.05, 0.0, poses)
+    most = np.empty(3, dtype=np.int64)
+    found = best_correlations(points, weights, fields, CELL_M, yaws, ahead, aside, 3, 0.05, 0.0, poses, most)
     sums = {
         (column, row, yaw): sum_under(points, weights, fields[0], column, row, yaw)
         for yaw in yaws
@@ -89,9 +90,9 @@ def test_branch_and_bound_finds_the_best_of_all_offsets_and_turns(seed, ahead, a
         for column in range(-ahead, ahead + 1)
     }
     left = dict(sums)
-    for x, y, yaw in poses[:found]:
+    for (x, y, yaw), total in zip(poses[:found], most, strict=False):
         column, row = round(x / CELL_M), round(y / CELL_M)
-        assert left[column, row, yaw] == max(left.values())
+        assert left[column, row, yaw] == max(left.values()) == total
         left = {
             key: value
             for key, value in left.items()
@@ -107,18 +108,15 @@ def test_poses_that_correlate_far_less_than_the_best_are_left_out():
     columns, rows = (np.floor(points / CELL_M).astype(int) + SIZE // 2).T
     cells[rows, columns] = 255
     fields = np.stack([cells])
-    poses = np.empty((4, 3))
-    assert (
-        best_correlations(
-            points, np.ones(30, dtype=np.int64), fields, CELL_M, np.zeros(1), 8, 8, 0, 0.0, 0.9, poses
-        )
-        == 1
-    )
+    poses, most, ones = np.empty((4, 3)), np.empty(4, dtype=np.int64), np.ones(30, dtype=np.int64)
+    found = best_correlations(points, ones, fields, CELL_M, np.zeros(1), 8, 8, 0, 0.0, 0.9, poses, most)
+    assert found == 1
     assert poses[0].tolist() == [0.0, 0.0, 0.0]
+    assert most[0] == 30 * 255
 
 
 def test_nearness_is_greatest_over_windows_that_double():
-    fields = _nearness(corridor_scan(0.0, 0.0, 0.0), 512).astype(int)
+    fields = _nearness(corridor_scan(0.0, 0.0, 0.0), _FINE, 512).astype(int)
     assert fields[0].max() >= 200
     rng = np.random.default_rng(3)
     for level, width in enumerate((1, 2, 4, 8)):
@@ -136,6 +134,22 @@ def test_a_scan_further_along_a_corridor_is_started_from_where_it_was_taken(x_m,
     found = GeometricVerifier().verify(query, match)
     assert found.accepted, found.reason
     assert np.hypot(*(found.T_match_query[:2, 3] - (x_m, y_m))) < 0.1
+
+
+def test_the_place_that_a_scan_was_taken_at_correlates_most():
+    query = corridor_scan(2.3, 0.2, math.radians(17.0))
+    places = [
+        corridor_scan(x, 0.0, math.radians(turn)) for x, turn in ((-12.0, 0.0), (2.0, 0.0), (6.5, 180.0))
+    ]
+    shares = correlation_shares(query, places, [0.0] * 3)
+    assert shares.argmax() == 1
+    assert ((shares > 0.0) & (shares < 1.0)).all()
+    assert correlation_shares(query, [query], [0.0])[0] > 0.9
+    assert correlation_shares(query, [], []).shape == (0,)
+    # A turn that is not tried is not found, and one that is told is.
+    turned = corridor_scan(6.5, 0.0, math.pi)
+    told, untold = correlation_shares(corridor_scan(6.5, 0.0, 0.0), [turned, turned], [math.pi, 0.0])
+    assert told > untold
 
 
 def test_any_turn_is_found_where_it_is_not_known():

@@ -83,6 +83,20 @@ def test_frames_of_the_way_that_lead_elsewhere_count_as_having_said_nothing():
     assert evidence.said_before(silent, 1, np.eye(4)).frames == 0
 
 
+def test_two_places_mean_one_spot_where_motion_leads_from_pose_to_pose():
+    evidence = drive_twice(4, believed_at=3)
+    settings = make_depth_view(frame(0.0)).settings
+    here = STEP_M * 1.5
+    at = {place: true_pose(STEP_M * place, here) for place in (0, 2)}
+    assert evidence.one_spot(settings, 0, at[0], 2, at[2])
+    assert evidence.one_spot(settings, 2, at[2], 0, at[0])
+    assert not evidence.one_spot(settings, 0, at[0], 2, true_pose(STEP_M * 2, here + 2.0))
+    # Where odometry broke between the two nothing speaks against it.
+    evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
+    latest = 9
+    assert evidence.one_spot(settings, 0, at[0], latest, np.eye(4))
+
+
 def test_old_hypotheses_are_forgotten():
     evidence = drive_twice(3, believed_at=0)
     here = make_depth_view(frame(0.0))

@@ -47,13 +47,15 @@ def make_cascade(
     if not settings.verify:
         return inner
     checked = places_checked(encoder.settings) if settings.verified is None else settings.verified
+    correlated = settings.correlated if is_planar(encoder.settings) else 0
     polar = encoder.settings.polar
     shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
     return VerifiedRecognizer(
         inner,
         checked,
         spread=settings.spread,
-        pool=max(settings.ranked, checked) if settings.vectors else None,
+        pool=max(settings.ranked, checked, correlated) if settings.vectors else None,
+        correlated=correlated,
         columns_full_circle=polar.sectors if polar.full_circle and shifts else None,
         climb=settings.climb,
         consistency=_FRAMES_THAT_SECOND if settings.consistency else 0,

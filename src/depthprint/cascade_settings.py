@@ -23,6 +23,8 @@ class CascadeSettings:
         perspective are coded, 0 for bird's-eye ones.
     columns: where geometry follows, half of the ranked places are those that the uncoded columns of a bird's-eye map
         propose; None: for hand-held views and planar scans. Never on a full circle, where every shift is to be tried.
+    correlated: the best so many places proposed of planar scans are ordered by how well the scans correlate before
+        any is checked; 0: as proposed.
     verify: the best ``verified`` places (None: as many as suit the sensor), at least ``spread`` frames apart, are
         checked by geometry.
     turned: so many places of a forward view, seen under a heading that the distances do not reach, are checked where
@@ -46,6 +48,7 @@ class CascadeSettings:
     heading: bool = True
     proposed: int = 40
     ranked: int = 8
+    correlated: int = 40
     vector_weight: float = 0.5
     thumbnail_weight: float | None = None
     verified: int | None = None
@@ -57,8 +60,9 @@ class CascadeSettings:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise SettingsError(f"CascadeSettings: expected {name} >= 1, got {value}")
-        if self.turned < 0:
-            raise SettingsError(f"CascadeSettings: expected turned >= 0, got {self.turned}")
+        for name in ("turned", "correlated"):
+            if getattr(self, name) < 0:
+                raise SettingsError(f"CascadeSettings: expected {name} >= 0, got {getattr(self, name)}")
         if not 0 <= self.vector_weight <= 1:
             raise SettingsError(
                 f"CascadeSettings: expected vector_weight in [0, 1], got {self.vector_weight}"

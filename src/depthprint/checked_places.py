@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
 
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis
 from depthprint.verification.verifier import Verification
 
 __all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
+
+FloatArray = npt.NDArray[np.float64]
 
 # With this much nearness nothing better is looked for.
 _CERTAIN = 0.6
@@ -19,14 +24,23 @@ _ONE_PLACE = 10
 
 
 class CheckedPlaces:
-    """Places that one query was checked against, and what that says."""
+    """Places that one query was checked against, and what that says.
 
-    def __init__(self, pool: Sequence[PlaceMatch], spread: int) -> None:
+    one_spot: whether two places, with the poses of the query in them, mean one spot; all may when None.
+    """
+
+    def __init__(
+        self,
+        pool: Sequence[PlaceMatch],
+        spread: int,
+        one_spot: Callable[[int, FloatArray, int, FloatArray], bool] | None = None,
+    ) -> None:
         self.found: dict[int, Verification] = {}
         self._earlier: dict[int, EarlierFrames] = {}
         self._plausible: set[int] = set()
         self._pool = {match.place: match for match in pool}
         self._spread = spread
+        self._one_spot = one_spot
 
     def accepted(self, place: int) -> bool:
         """Whether a place was checked and passed."""
@@ -54,8 +68,7 @@ class CheckedPlaces:
         nearness = {place: self._nearness(place) for place in accepted}
         # Earlier frames tell one road from another; which of its views is nearest this view alone tells.
         strongest = max(accepted, key=lambda place: (self._joined(place, nearness[place]), -place))
-        beside = [place for place in accepted if abs(place - strongest) <= _ONE_PLACE]
-        return max(beside, key=lambda place: (nearness[place], -place))
+        return max(self._beside(strongest, accepted), key=lambda place: (nearness[place], -place))
 
     @property
     def certain(self) -> bool:
@@ -88,13 +101,23 @@ class CheckedPlaces:
             found = self.found.get(place)
             if found is not None and found.accepted:
                 # The nearest view is named, with the evidence of its neighbours.
-                beside = [p for p in accepted if abs(p - place) <= _ONE_PLACE] if place == best else [place]
+                beside = self._beside(place, accepted) if place == best else [place]
                 distance = 1.0 - max(self._told(p) for p in beside)
             else:
                 doubt = 1.0 - self._strength(place) if place in self._plausible else 1.0
                 distance = 1.0 + doubt * match.distance / (1.0 + match.distance)
             matches.append(replace(match, distance=distance, verification=found))
         return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
+
+    def _beside(self, place: int, accepted: Sequence[int]) -> list[int]:
+        """Accepted views of the place that put the query where this one does: along a corridor a scan slips easily."""
+        beside = [other for other in accepted if abs(other - place) <= _ONE_PLACE]
+        if self._one_spot is None:
+            return beside
+        pose = self.found[place].T_match_query
+        return [
+            o for o in beside if o == place or self._one_spot(place, pose, o, self.found[o].T_match_query)
+        ]
 
     def _strength(self, place: int) -> float:
         return self._joined(place, self._alone(place))

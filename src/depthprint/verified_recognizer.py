@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from depthprint.checked_places import CheckedPlaces, distance_of
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
+from depthprint.projection import LaserRow
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
@@ -48,7 +50,9 @@ class VerifiedRecognizer:
     1 + d / (1 + d), less for a plausible one. d of a place that the inner method did not propose is that of its nearest
     proposal within ``spread`` frames, or else of its worst one.
     Only the best ``k`` proposals, at least ``spread`` frames apart, are checked.
-    pool: how many proposals the inner method is asked for; k * spread when None.
+    pool: how many proposals the inner method is asked for; max(k, correlated) * spread when None.
+    correlated: the best so many proposals of planar scans, as far apart, are laid over the query, and those that
+        correlate best with it come first among those checked. 0 turns it off.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
     climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named.
     track: follow the motion from frame to frame by depth alone. Places that it says are in view are checked first; a
@@ -68,6 +72,7 @@ class VerifiedRecognizer:
         *,
         spread: int = 4,
         pool: int | None = None,
+        correlated: int = 0,
         columns_full_circle: int | None = None,
         climb: bool = True,
         consistency: int = 0,
@@ -77,14 +82,15 @@ class VerifiedRecognizer:
         verifier: GeometricVerifier | None = None,
         views: ViewCache | None = None,
     ) -> None:
-        if min(k, spread, 1 if pool is None else pool) < 1 or consistency < 0:
+        if min(k, spread, 1 if pool is None else pool) < 1 or min(consistency, correlated) < 0:
             raise SettingsError(
-                "VerifiedRecognizer: expected k, spread and pool >= 1 and consistency >= 0, "
-                f"got {k}, {spread}, {pool} and {consistency}"
+                "VerifiedRecognizer: expected k, spread and pool >= 1, consistency and correlated >= 0, "
+                f"got {k}, {spread}, {pool}, {consistency} and {correlated}"
             )
         self.inner = inner
         self._k, self._spread, self._climb, self._consistency = k, spread, climb, consistency
-        self._pool = k * spread if pool is None else pool
+        self._pool = max(k, correlated) * spread if pool is None else pool
+        self._correlated = correlated
         self._columns = columns_full_circle
         self._verifier = GeometricVerifier() if verifier is None else verifier
         self._make_view = make_depth_view if views is None else views
@@ -128,12 +134,15 @@ class VerifiedRecognizer:
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checks = CheckedPlaces(pool, self._spread)
+        one_spot = (
+            None if self._evidence is None else partial(self._evidence.one_spot, description.view.settings)
+        )
+        checks = CheckedPlaces(pool, self._spread, one_spot)
         for place, pose in self._expected(description.view, stored).items():
             if checks.certain:
                 break
             self._check(checks, description, place, 0.0, (pose,), True)
-        for match in spread_in_time(self._headed(pool, description.view), self._k, self._spread):
+        for match in spread_in_time(self._promising(pool, description.view), self._k, self._spread):
             if checks.certain:
                 break
             if match.place not in checks.found:
@@ -196,6 +205,17 @@ class VerifiedRecognizer:
             earlier = self._evidence.said_before(view, place, found.T_match_query)
         found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
         checks.add(place, found, earlier, plausible.accepted)
+
+    def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
+        """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
+        if self._correlated and isinstance(view.projection, LaserRow):
+            from depthprint.verification.scan_starts import correlation_shares
+
+            pool = spread_in_time(pool, self._correlated, self._spread)
+            yaws_rad = [self._yaw(match, view) for match in pool]
+            shares = correlation_shares(view, [self._views[match.place] for match in pool], yaws_rad)
+            pool = [pool[number] for number in np.argsort(-shares, kind="stable")]
+        return self._headed(pool, view)
 
     def _headed(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals that the heading allows first; a full circle is seen alike under all headings."""

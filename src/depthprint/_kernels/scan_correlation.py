@@ -70,10 +70,11 @@ def best_correlations(
     beside_yaw: float,
     least: float,
     poses: Float64,
+    sums: Integers,
 ) -> int:
     """Fill poses (k, 3) x, y, yaw with the best offsets and turns of a scan (m, 2) in a field, the best first.
 
-    The best have the greatest sum over the points of weight (m,) times field at the point's cell. fields
+    The best have the greatest sums (k,), over the points, of weight (m,) times field at the point's cell. fields
     (levels, n, n): of level l the greatest of the 2^l x 2^l cells from each on; no offset may bring a point beyond
     them. Offsets reach ``ahead`` cells along x and ``aside`` along y. No two poses are within ``beside`` cells and
     ``beside_yaw``, and none has less than ``least`` of the best one's sum. Returns how many there are.
@@ -111,6 +112,7 @@ def best_correlations(
         if level == 0:
             most = max(most, -bound)
             poses[found, 0], poses[found, 1], poses[found, 2] = x, y, yaws[t]
+            sums[found] = -bound
             found += 1
             continue
         half = 2 ** (level - 1)

@@ -153,6 +153,21 @@ class TemporalEvidence:
         """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
         return self._odometry.relative_pose(first, second)
 
+    def one_spot(
+        self,
+        settings: VerificationSettings,
+        first: int,
+        T_first_query: FloatArray,
+        second: int,
+        T_second_query: FloatArray,
+    ) -> bool:
+        """Whether two places, each with the pose of a frame in it, mean one spot; true where odometry cannot tell."""
+        T_first_second = self._odometry.relative_pose(first, second)
+        if T_first_second is None:
+            return True
+        driven = float(np.linalg.norm(T_first_second[:3, 3])) / settings.witness_m
+        return _agree(T_first_second @ T_second_query, T_first_query, max(1.0, driven), settings)
+
     def said_before(self, view: DepthView, place: int, T_match_query: FloatArray) -> EarlierFrames:
         """What earlier frames say of a frame not added yet being at a pose in a place.
 
