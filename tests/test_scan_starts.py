@@ -147,9 +147,11 @@ def test_the_place_that_a_scan_was_taken_at_correlates_most():
     assert correlation_shares(query, [query], [0.0])[0] > 0.9
     assert correlation_shares(query, [], []).shape == (0,)
     # A turn that is not tried is not found, and one that is told is.
-    turned = corridor_scan(6.5, 0.0, math.pi)
-    told, untold = correlation_shares(corridor_scan(6.5, 0.0, 0.0), [turned, turned], [math.pi, 0.0])
+    around = LaserRow(360, -math.pi, math.radians(1.0))
+    turned, place = corridor_scan(1.1, 0.2, math.radians(160.0), around), corridor_scan(0.0, 0.0, 0.0, around)
+    told, untold, unknown = correlation_shares(turned, [place] * 3, [math.radians(150.0), 0.0, None])
     assert told > untold
+    assert unknown >= told
 
 
 def test_any_turn_is_found_where_it_is_not_known():

@@ -17,8 +17,9 @@ from depthprint.verified_recognizer import VerifiedRecognizer
 __all__ = ["make_cascade", "places_checked"]
 
 _FRAMES_THAT_SECOND = 3
-# Of forward and spinning sensors more give no more loops. The others have as many from the columns as from the codes.
-_CHECKED, _CHECKED_WITH_COLUMNS = 4, 10
+# Of forward and spinning sensors more give no more loops. Hand-held ones have as many from the columns as from the
+# codes; planar scans too, and what correlates best comes first.
+_CHECKED, _CHECKED_IN_PERSPECTIVE, _CHECKED_PLANAR = 4, 10, 5
 
 
 def make_cascade(
@@ -69,5 +70,7 @@ def make_cascade(
 
 def places_checked(settings: EncoderSettings) -> int:
     """How many proposals geometry looks at, by the sensor that the settings are made for: ours and a rival's alike."""
+    if is_planar(settings):
+        return _CHECKED_PLANAR
     in_perspective = all(stream.view != "polar" for stream in settings.streams)
-    return _CHECKED_WITH_COLUMNS if in_perspective or is_planar(settings) else _CHECKED
+    return _CHECKED_IN_PERSPECTIVE if in_perspective else _CHECKED

@@ -87,6 +87,7 @@ class CheckedPlaces:
                 self._earlier[place].support,
                 self.found[place].accepted,
                 self._alone(place),
+                self._told(place),
             )
             for place in order
         )

@@ -190,6 +190,7 @@ PLACE_METHODS: dict[str, Callable[[PlaceMethodContext], PlaceRecognizer]] = {
     "detector-no-thumbnails": _detector_with(thumbnail_weight=0.0),
     "detector-no-columns": _detector_with(columns=False),
     "detector-no-turned": _detector_with(turned=0),
+    "detector-no-correlation": _detector_with(correlated=0),
     "detector-no-climb": _detector_with(climb=False),
     "detector-no-track": _detector_with(track=False),
     "detector-no-heading": _detector_with(heading=False),

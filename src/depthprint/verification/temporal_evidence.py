@@ -27,7 +27,7 @@ _REMEMBERED, _FOLLOWED = 16, 10
 # Share of its evidence that a hypothesis keeps over one witness distance.
 _KEPT = 0.7
 # Evidence over which a match holds the heading.
-_HOLDING_STRENGTH = 0.5
+_HOLDING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Hypothesis:
 
     T_match_query: (4, 4) pose of the frame in the place. strength: evidence in [0, 1) with that of earlier frames,
     support: that of the earlier frames alone. accepted: whether the frame was called a match of the place.
-    alone: evidence of the frame without that of earlier ones.
+    alone: evidence of the frame without that of earlier ones. told: strength, averaged with the evidence along the way.
     """
 
     place: int
@@ -45,6 +45,7 @@ class Hypothesis:
     support: float
     accepted: bool
     alone: float = 0.0
+    told: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class TemporalEvidence:
                 self._turn_to(view) if hypotheses is not None else self._odometry.turn_to(view)
             )
             best = hypotheses[0] if hypotheses else None
-            if best is not None and best.accepted and best.strength > _HOLDING_STRENGTH:
+            if best is not None and best.accepted and best.told > _HOLDING:
                 self._headings.hold(best.place, turn_of(best.T_match_query, view.projection))
         self._odometry.add(view)
         if hypotheses is not None:
