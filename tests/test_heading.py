@@ -17,7 +17,7 @@ from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.heading import HeadingTrack
 from depthprint.verification.starts import yaw_pose
-from depthprint.verification.temporal_evidence import TemporalEvidence
+from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
 from depthprint.verification.turns import Turn, turn_by_walls, turn_of
 from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
@@ -133,6 +133,20 @@ def test_after_the_places_of_a_map_a_frame_of_elsewhere_has_any_heading():
     following = make_depth_view(frame(STEP_M, world=block_world(8)))
     assert evidence.heading_share(following, 0, math.pi) > 0.7
     assert evidence.heading_share(following, 3, math.pi) < 0.21
+
+
+@pytest.mark.parametrize(("told", "holds"), [(0.7, True), (0.3, False)])
+def test_a_match_holds_the_heading_where_its_whole_way_bears_it_out(told, holds):
+    evidence = TemporalEvidence(GeometricVerifier())
+    for i in range(3):
+        evidence.add(make_depth_view(frame(STEP_M * i)))
+    evidence.add(make_depth_view(frame(0.0, world=block_world(8))), [])
+    turned = yaw_pose(math.radians(90), ROW)
+    match = Hypothesis(0, turned, 0.9, 0.8, accepted=True, alone=0.5, told=told)
+    evidence.add(make_depth_view(frame(STEP_M, world=block_world(8))), [match])
+    following = make_depth_view(frame(2 * STEP_M, world=block_world(8)))
+    assert evidence.heading_share(following, 0, math.radians(90)) > 0.95
+    assert (evidence.heading_share(following, 0, math.radians(-90)) < 0.21) == holds
 
 
 def symmetric_hall() -> RayScene:

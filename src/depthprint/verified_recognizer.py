@@ -134,10 +134,7 @@ class VerifiedRecognizer:
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        one_spot = (
-            None if self._evidence is None else partial(self._evidence.one_spot, description.view.settings)
-        )
-        checks = CheckedPlaces(pool, self._spread, one_spot)
+        checks = CheckedPlaces(pool, self._spread, self._one_spot(description.view))
         for place, pose in self._expected(description.view, stored).items():
             if checks.certain:
                 break
@@ -205,6 +202,12 @@ class VerifiedRecognizer:
             earlier = self._evidence.said_before(view, place, found.T_match_query)
         found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
         checks.add(place, found, earlier, plausible.accepted)
+
+    def _one_spot(self, view: DepthView) -> Callable[..., bool] | None:
+        """Whether two places mean one spot, for planar scans alone: what is seen in rows and columns slips nowhere."""
+        if self._evidence is None or not isinstance(view.projection, LaserRow):
+            return None
+        return partial(self._evidence.one_spot, view.settings)
 
     def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
