@@ -90,11 +90,11 @@ def test_two_places_mean_one_spot_where_motion_leads_from_pose_to_pose():
     at = {place: true_pose(STEP_M * place, here) for place in (0, 2)}
     assert evidence.one_spot(settings, 0, at[0], 2, at[2])
     assert evidence.one_spot(settings, 2, at[2], 0, at[0])
-    assert not evidence.one_spot(settings, 0, at[0], 2, true_pose(STEP_M * 2, here + 2.0))
-    # Where odometry broke between the two nothing speaks against it.
+    assert evidence.one_spot(settings, 0, at[0], 2, true_pose(STEP_M * 2, here + 2.0)) is False
+    # Where odometry broke between the two it cannot be told.
     evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
     latest = 9
-    assert evidence.one_spot(settings, 0, at[0], latest, np.eye(4))
+    assert evidence.one_spot(settings, 0, at[0], latest, np.eye(4)) is None
 
 
 def test_old_hypotheses_are_forgotten():

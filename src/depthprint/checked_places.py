@@ -26,21 +26,23 @@ _ONE_PLACE = 10
 class CheckedPlaces:
     """Places that one query was checked against, and what that says.
 
-    one_spot: whether two places, with the poses of the query in them, mean one spot; all may when None.
+    one_spot: whether two places, with the poses of the query in them, mean one spot; None for where it cannot be told.
+    slips: places next to each other may well not, as planar scans along a corridor.
     """
 
     def __init__(
         self,
         pool: Sequence[PlaceMatch],
         spread: int,
-        one_spot: Callable[[int, FloatArray, int, FloatArray], bool] | None = None,
+        one_spot: Callable[[int, FloatArray, int, FloatArray], bool | None] | None = None,
+        slips: bool = False,
     ) -> None:
         self.found: dict[int, Verification] = {}
         self._earlier: dict[int, EarlierFrames] = {}
         self._plausible: set[int] = set()
         self._pool = {match.place: match for match in pool}
         self._spread = spread
-        self._one_spot = one_spot
+        self._one_spot, self._slips = one_spot, slips
 
     def accepted(self, place: int) -> bool:
         """Whether a place was checked and passed."""
@@ -111,14 +113,18 @@ class CheckedPlaces:
         return sorted(matches, key=lambda m: (m.distance, m.place != best, m.place))
 
     def _beside(self, place: int, accepted: Sequence[int]) -> list[int]:
-        """Accepted views of the place that put the query where this one does: along a corridor a scan slips easily."""
-        beside = [other for other in accepted if abs(other - place) <= _ONE_PLACE]
-        if self._one_spot is None:
-            return beside
-        pose = self.found[place].T_match_query
-        return [
-            o for o in beside if o == place or self._one_spot(place, pose, o, self.found[o].T_match_query)
-        ]
+        """Accepted views that put the query where this one does, or that are so few frames away that they should."""
+        return [other for other in accepted if other == place or self._means_the_same(place, other)]
+
+    def _means_the_same(self, place: int, other: int) -> bool:
+        told = None
+        if self._one_spot is not None:
+            told = self._one_spot(
+                place, self.found[place].T_match_query, other, self.found[other].T_match_query
+            )
+        if told is None or not (told or self._slips):
+            return abs(place - other) <= _ONE_PLACE
+        return told
 
     def _strength(self, place: int) -> float:
         return self._joined(place, self._alone(place))

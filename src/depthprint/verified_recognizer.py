@@ -134,7 +134,9 @@ class VerifiedRecognizer:
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checks = CheckedPlaces(pool, self._spread, self._one_spot(description.view))
+        checks = CheckedPlaces(
+            pool, self._spread, self._one_spot(description.view), slips=_is_planar(description.view)
+        )
         for place, pose in self._expected(description.view, stored).items():
             if checks.certain:
                 break
@@ -203,15 +205,12 @@ class VerifiedRecognizer:
         found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
         checks.add(place, found, earlier, plausible.accepted)
 
-    def _one_spot(self, view: DepthView) -> Callable[..., bool] | None:
-        """Whether two places mean one spot, for planar scans alone: what is seen in rows and columns slips nowhere."""
-        if self._evidence is None or not isinstance(view.projection, LaserRow):
-            return None
-        return partial(self._evidence.one_spot, view.settings)
+    def _one_spot(self, view: DepthView) -> Callable[..., bool | None] | None:
+        return None if self._evidence is None else partial(self._evidence.one_spot, view.settings)
 
     def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
-        if self._correlated and isinstance(view.projection, LaserRow):
+        if self._correlated and _is_planar(view):
             from depthprint.verification.scan_starts import correlation_shares
 
             pool = spread_in_time(pool, self._correlated, self._spread)
@@ -270,3 +269,7 @@ class VerifiedRecognizer:
         """The pose seen from another place, as far as the motion between the two is known."""
         T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
         return T_match_query if T_place_match is None else T_place_match @ T_match_query
+
+
+def _is_planar(view: DepthView) -> bool:
+    return isinstance(view.projection, LaserRow)

@@ -161,11 +161,11 @@ class TemporalEvidence:
         T_first_query: FloatArray,
         second: int,
         T_second_query: FloatArray,
-    ) -> bool:
-        """Whether two places, each with the pose of a frame in it, mean one spot; true where odometry cannot tell."""
+    ) -> bool | None:
+        """Whether two places, each with the pose of a frame in it, mean one spot; None where odometry cannot tell."""
         T_first_second = self._odometry.relative_pose(first, second)
         if T_first_second is None:
-            return True
+            return None
         driven = float(np.linalg.norm(T_first_second[:3, 3])) / settings.witness_m
         return _agree(T_first_second @ T_second_query, T_first_query, max(1.0, driven), settings)
 
