@@ -36,7 +36,7 @@ MAX_DIRECTIONS = 384
 MAX_LANDMARKS = 48
 # Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
 MAX_LANDMARKS_BESIDE_SURFACES = 24
-# So many rows or fewer are multiplied by the directions without those that a zero would be multiplied by.
+# So many rows or fewer are multiplied with each row of a matrix read once, and none that only zeros would meet.
 FEW_ROWS = 8
 
 
@@ -52,12 +52,25 @@ class _Sides:
         """Unit vectors of the sums of both."""
         return unit_rows(self.straight + self.mirrored)
 
-    def compared_with(self, stored: _Sides) -> tuple[Float32Array, Float32Array]:
-        """Kernel of the sums of views and mirror images, and one minus the cosine of the nearer."""
-        cosine = np.maximum(self.straight @ stored.straight.T, self.mirrored @ stored.straight.T)
+    @cached_property
+    def _columns(self) -> Float32Array:
+        """The straight vectors as columns, (r, n)."""
+        return np.ascontiguousarray(self.straight.T)
+
+    def kernel_with(self, stored: _Sides) -> Float32Array:
+        """Products (m, n) of the sums of views and mirror images."""
+        return self.sums @ stored.sums.T
+
+    def distances_to(self, stored: _Sides) -> Float32Array:
+        """One minus the cosine of the nearer (m, n), of a view or of its mirror image."""
+        if 2 * len(self.straight) <= FEW_ROWS:
+            both = _products(np.concatenate([self.straight, self.mirrored]), stored._columns)
+            cosine = np.maximum(*np.split(both, 2))
+        else:
+            cosine = np.maximum(self.straight @ stored.straight.T, self.mirrored @ stored.straight.T)
         if self is stored:
             cosine = np.maximum(cosine, cosine.T)
-        return self.sums @ stored.sums.T, np.maximum(1.0 - cosine, 0.0)
+        return np.maximum(1.0 - cosine, 0.0)
 
 
 @dataclass(frozen=True)
@@ -120,22 +133,48 @@ class ViewFeatures:
         surfaces = (None if array is None else array[rows] for array in self._surfaces())
         return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows], *surfaces)
 
+    @property
+    def code_sums(self) -> Float32Array:
+        """Unit vectors (n, r) of the sums of the codes of views and of their mirror images."""
+        return self._codes.sums
+
+    @property
+    def surface_sums(self) -> Float32Array | None:
+        """Those of the surface vectors, followed by those of partial copies where these are learned from."""
+        return None if self._with_copies is None else self._with_copies.sums
+
+    @property
+    def known_surfaces(self) -> Float32Array | None:
+        """Surface vectors of the views, then of their mirror images: what the machine learns from."""
+        return None if self.surface is None else self._known
+
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
-        kernel, nearest = self._codes.compared_with(stored._codes)
-        parts = [ViewComparison(kernel, (nearest,)), ViewComparison(self.landmark @ stored.landmark.T)]
+        near = self.distances_to(stored)
+        parts = [
+            ViewComparison(self._codes.kernel_with(stored._codes), near[:1]),
+            ViewComparison(self.landmark @ stored.landmark.T),
+        ]
         shares = [KERNEL_SHARES["codes"], KERNEL_SHARES["complexities"]]
-        # Among themselves views are compared with all copies; others ask for none of theirs.
-        sides = self._with_copies if self is stored else self._surface_sides
-        if sides is not None and self.surface is not None:
-            others = stored._with_copies
-            if others is None:
-                raise DataError("views: expected stored views with surface vectors, got some without")
+        sides, others = self._sides_against(stored)
+        if sides is not None and others is not None and self.surface is not None:
             machine = (stored._known if self is stored else self.surface) @ stored._known.T
-            kernel, nearest = sides.compared_with(others)
-            parts.append(ViewComparison(kernel, (nearest,), machine))
+            parts.append(ViewComparison(sides.kernel_with(others), near[1:], machine))
             shares.append(KERNEL_SHARES["surfaces"])
         return fused_comparison(parts, shares)
+
+    def distances_to(self, stored: ViewFeatures) -> tuple[Float32Array, ...]:
+        """Distances (m, n) to other views by their codes, and (m, k n) by surfaces where these are compared."""
+        near = self._codes.distances_to(stored._codes)
+        sides, others = self._sides_against(stored)
+        return (near,) if sides is None or others is None else (near, sides.distances_to(others))
+
+    def _sides_against(self, stored: ViewFeatures) -> tuple[_Sides | None, _Sides | None]:
+        """Surfaces to compare: among themselves views have all copies; others ask for none of theirs."""
+        sides = self._with_copies if self is stored else self._surface_sides
+        if sides is not None and stored._with_copies is None:
+            raise DataError("views: expected stored views with surface vectors, got some without")
+        return sides, stored._with_copies
 
 
 @dataclass(frozen=True)
@@ -270,11 +309,15 @@ def _code_sides(
 
 def _along(directions: Float32Array, vectors: Sequence[Float32Array]) -> list[Float32Array]:
     """Unit vectors along the directions, of views and of their mirror images."""
+    rows = np.concatenate(vectors)
+    products = _products(rows, directions) if len(rows) <= FEW_ROWS else rows @ directions
+    return np.split(unit_rows(products), len(vectors))
+
+
+def _products(rows: Float32Array, matrix: Float32Array) -> Float32Array:
     from depthprint._kernels.sparse_rows import sparse_products
 
-    rows = np.concatenate(vectors)
-    products = sparse_products(rows, directions) if len(rows) <= FEW_ROWS else rows @ directions
-    return np.split(unit_rows(products), len(vectors))
+    return np.asarray(sparse_products(rows, matrix))
 
 
 def _leading_directions(vectors: Float32Array, seed: int) -> Float32Array:
