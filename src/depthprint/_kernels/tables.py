@@ -36,15 +36,14 @@ def read_rows(places: FloatArray, table: Float32Array, rows: Float32Array) -> No
 def read_products(
     first_places: FloatArray, first: Float32Array, second_places: FloatArray, second: Float32Array
 ) -> Float32Array:
-    """Products (n, a b) of all values of two rows read from tables (nodes, a) and (nodes, b), the second's fastest."""
-    n, a, b = len(first_places), first.shape[1], second.shape[1]
-    products = np.empty((n, a * b), dtype=np.float32)
-    one, other = np.empty(a, dtype=np.float32), np.empty(b, dtype=np.float32)
+    """Products (n, p), value by value, of rows read from two tables (nodes, p) at places as ``read_rows`` has them."""
+    n, p = len(first_places), first.shape[1]
+    products = np.empty((n, p), dtype=np.float32)
+    other = np.empty(p, dtype=np.float32)
     for k in range(n):
-        _read_row(first_places[k], first, one)
+        into = products[k]
+        _read_row(first_places[k], first, into)
         _read_row(second_places[k], second, other)
-        for i in range(a):
-            into, value = products[k, i * b : (i + 1) * b], one[i]
-            for j in range(b):
-                into[j] = value * other[j]
+        for i in range(p):
+            into[i] *= other[i]
     return products
