@@ -13,7 +13,7 @@ Float32Array = npt.NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def _cubic(place: float, nodes: int) -> tuple[int, float, float, float, float]:
+def _cubic(place: float, nodes: int) -> tuple[np.uint64, np.float32, np.float32, np.float32, np.float32]:
     """First of the four nodes around a place, and their weights in single precision.
 
     Nodes are unsigned, which spares the test for an index from the end: that would keep loops from vectorising.
