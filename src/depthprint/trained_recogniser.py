@@ -130,11 +130,11 @@ class TrainedRecogniser:
         if not images:
             raise DataError("recognise: expected a view or several of one object, got none")
         features = self.stored.encode_and_describe(self.encoder, images)
-        near = features.distances_to(self.stored.views)
+        near, labels = features.distances_to(self.stored.views), self.labels
         distances = near[0]
         scores = _checked(
             self._fused.joined(*self._directions.scores(features), near),
-            np.arange(len(self.labels)),
+            np.arange(len(labels)),
             self.stored.geometry,
             images,
             self._classes,
@@ -143,7 +143,7 @@ class TrainedRecogniser:
         shares, none = self.calibration.probabilities(scores, float(distances.min(axis=1).mean()))
         order = np.argsort(-shares, kind="stable")
         nearest = int(distances.min(axis=0).argmin())
-        best, labels = int(order[0]), self.labels
+        best = int(order[0])
         known = none <= 0.5
         return Recognition(
             label=labels[best] if known else None,
