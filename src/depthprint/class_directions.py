@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser
-from depthprint.stored_views import ViewFeatures
+from depthprint.view_features import ViewFeatures
 
 __all__ = ["ClassDirections"]
 
