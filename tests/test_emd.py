@@ -257,7 +257,7 @@ def test_few_pairs_on_the_calling_thread_are_those_of_the_whole_matrix() -> None
     rng = np.random.default_rng(18)
     batch = SignatureBatch.stack([random_signature(rng, int(k)) for k in rng.integers(1, 20, 12)])
     few = SignatureBatch.stack([batch[k] for k in range(4)])
-    whole = difference_matrix(batch, form="information")
+    whole = difference_matrix(batch, batch, form="information")
     assert whole.size > _PAIRS_WORTH_THREADS >= len(few) * len(batch)
     np.testing.assert_array_equal(difference_matrix(few, batch, form="information"), whole[:4])
 
