@@ -15,6 +15,7 @@ __all__ = ["BACKGROUND", "OBJECT", "UNKNOWN", "SeenSurface", "align_surfaces", "
 
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
+Int64 = npt.NDArray[np.int64]
 
 UNKNOWN, OBJECT, BACKGROUND = 0, 1, 2
 
@@ -67,7 +68,8 @@ def align_surfaces(
     few, many = _columns(query, coarse[0]), _columns(query, 1)
     few_back, many_back = _columns(stored, coarse[0]), _columns(stored, 1)
     moved = np.empty((8, max(many.shape[1], many_back.shape[1])))
-    rows = np.empty((2 * many.shape[1], 8))
+    rows = np.empty((2 * many.shape[1] + 2, 8))
+    sides = np.empty((2, many.shape[1] + 1), dtype=np.int64)
     trial, back = np.eye(4), np.eye(4)
     best = -math.inf
     for number in range(len(starts)):
@@ -75,12 +77,12 @@ def align_surfaces(
             for b in range(3):
                 trial[a, b] = starts[number, a, b]
             trial[a, 3] = stored.middle[a]
-        _refine(few, stored, coarse[1], 0.5, 0.1, trial, moved, rows)
+        _refine(few, stored, coarse[1], 0.5, 0.1, trial, moved, rows, sides)
         agreement = _both_ways(few, few_back, query, stored, noise, trial, back, moved)
         if agreement > best:
             best = agreement
             pose[:] = trial
-    _refine(many, stored, fine, 0.2, 0.1, pose, moved, rows)
+    _refine(many, stored, fine, 0.2, 0.1, pose, moved, rows, sides)
     return float(_both_ways(many, many_back, query, stored, noise, pose, back, moved))
 
 
@@ -219,6 +221,7 @@ def _refine(
     pose: Float64,
     moved: Float64,
     rows: Float64,
+    sides: Int64,
 ) -> None:
     """Gauss-Newton on distances to the planes of the pixels that points fall on, Tukey's weights narrowing.
 
@@ -231,7 +234,7 @@ def _refine(
     for time in range(times):
         reach = stored.size * wide * (narrow / wide) ** (time / max(1, times - 1))
         _move(points, pose, stored.lens, moved)
-        n = _linearised(moved, asked, stored, pose, reach, rows)
+        n = _linearised(moved, asked, stored, pose, reach, rows, sides)
         normal_equations(rows, n, hessian, gradient)
         for a in range(3):
             hessian[a, a] += _TURN_DAMPING * asked * stored.size * stored.size
@@ -247,45 +250,56 @@ def _refine(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _linearised(
-    moved: Float64, asked: int, stored: SeenSurface, pose: Float64, reach: float, rows: Float64
+    moved: Float64, asked: int, stored: SeenSurface, pose: Float64, reach: float, rows: Float64, sides: Int64
 ) -> int:
-    """Fill rows (n, 8): slope of the error (6,), error, weight; how many. Points beside the object have two."""
+    """Fill rows (n, 8): slope of the error (6,), error, weight; how many. Points beside the object have two.
+
+    Points are told apart first, and then each kind in a loop of its own; they and rows are kept by counting them, not
+    by branches that no processor foresees. sides (2, asked): room for the numbers of the points on and beside.
+    """
     height, width = stored.depths.shape
     fx, fy, cx, cy = stored.lens[0], stored.lens[1], stored.lens[2], stored.lens[3]
+    # Turns are about the middle of the query.
     tx, ty, tz = pose[0, 3], pose[1, 3], pose[2, 3]
-    n = 0
+    on = beside = 0
     for k in range(asked):
-        x, y, z, nx, ny, nz = moved[0, k], moved[1, k], moved[2, k], moved[3, k], moved[4, k], moved[5, k]
-        if z <= 0.0 or nx * x + ny * y + nz * z > 0.0:
-            continue
-        u, v = moved[6, k], moved[7, k]
+        z, u, v = moved[2, k], moved[6, k], moved[7, k]
+        seen = (z > 0.0) & (moved[3, k] * moved[0, k] + moved[4, k] * moved[1, k] + moved[5, k] * z <= 0.0)
         inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
-        column, row = int(min(max(u, 0.0), width - 1.0)), int(min(max(v, 0.0), height - 1.0))
-        inside = inside and stored.kinds[row, column] == OBJECT
-        if not inside:
-            pixel = stored.nearest[row, column]
-            row, column = pixel // width, pixel % width
-        there = np.float64(stored.depths[row, column])
-        dx, dy, dz = (column - cx) / fx * there - x, (row - cy) / fy * there - y, there - z
-        # Turns are about the middle of the query.
+        row, column = min(max(int(v), 0), height - 1), min(max(int(u), 0), width - 1)
+        inside &= stored.kinds[row, column] == OBJECT
+        sides[0, on] = sides[1, beside] = k
+        on += seen & inside
+        beside += seen & (not inside)
+    n = 0
+    for place in range(on):
+        k = sides[0, place]
+        x, y, z, u, v = moved[0, k], moved[1, k], moved[2, k], moved[6, k], moved[7, k]
+        there = np.float64(stored.depths[int(v), int(u)])
+        slope = stored.slopes[int(v), int(u)]
+        mx, my, mz = np.float64(slope[0]), np.float64(slope[1]), np.float64(slope[2])
+        error = mx * ((u - cx) / fx * there - x) + my * ((v - cy) / fy * there - y) + mz * (there - z)
+        likeness = mx * moved[3, k] + my * moved[4, k] + mz * moved[5, k]
         x, y, z = x - tx, y - ty, z - tz
         part = rows[n]
-        if inside:
-            mx = np.float64(stored.slopes[row, column, 0])
-            my = np.float64(stored.slopes[row, column, 1])
-            mz = np.float64(stored.slopes[row, column, 2])
-            likeness = mx * nx + my * ny + mz * nz
-            error = mx * dx + my * dy + mz * dz
-            part[0], part[1], part[2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-            part[3], part[4], part[5] = mx, my, mz
-            part[6], part[7] = error, likeness * (1.0 - (error / reach) ** 2) ** 2
-            # The row is kept by counting it, not by a branch.
-            n += (likeness >= _LEAST_PARTNER) & (abs(error) <= reach)
-        elif dx * dx + dy * dy + dz * dz <= 4.0 * reach * reach:
-            part[0], part[1], part[2], part[3], part[4], part[5] = 0.0, z, -y, 1.0, 0.0, 0.0
-            part[6], part[7] = dx, _BESIDE
-            part = rows[n + 1]
-            part[0], part[1], part[2], part[3], part[4], part[5] = -z, 0.0, x, 0.0, 1.0, 0.0
-            part[6], part[7] = dy, _BESIDE
-            n += 2
+        part[0], part[1], part[2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+        part[3], part[4], part[5] = mx, my, mz
+        part[6], part[7] = error, likeness * (1.0 - (error / reach) ** 2) ** 2
+        n += (likeness >= _LEAST_PARTNER) & (abs(error) <= reach)
+    for place in range(beside):
+        k = sides[1, place]
+        x, y, z = moved[0, k], moved[1, k], moved[2, k]
+        row, column = min(max(int(moved[7, k]), 0), height - 1), min(max(int(moved[6, k]), 0), width - 1)
+        pixel = stored.nearest[row, column]
+        row, column = pixel // width, pixel % width
+        there = np.float64(stored.depths[row, column])
+        dx, dy, dz = (column - cx) / fx * there - x, (row - cy) / fy * there - y, there - z
+        x, y, z = x - tx, y - ty, z - tz
+        part = rows[n]
+        part[0], part[1], part[2], part[3], part[4], part[5] = 0.0, z, -y, 1.0, 0.0, 0.0
+        part[6], part[7] = dx, _BESIDE
+        part = rows[n + 1]
+        part[0], part[1], part[2], part[3], part[4], part[5] = -z, 0.0, x, 0.0, 1.0, 0.0
+        part[6], part[7] = dy, _BESIDE
+        n += 2 * (dx * dx + dy * dy + dz * dz <= 4.0 * reach * reach)
     return n
