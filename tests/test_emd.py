@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from depthprint._matrix_tasks import row_tasks
-from depthprint.emd import difference_matrix, emd, emd_from_costs, emd_pairs, emd_pairs_from_costs
+from depthprint.emd import (
+    _PAIRS_WORTH_THREADS,
+    difference_matrix,
+    emd,
+    emd_from_costs,
+    emd_pairs,
+    emd_pairs_from_costs,
+)
 from depthprint.errors import DataError, FingerprintError, SettingsError
 from depthprint.ncd import FORMS
 from depthprint.signature import GroundDistance, Signature, SignatureBatch
@@ -244,6 +251,15 @@ def test_result_does_not_depend_on_threads_or_order() -> None:
     shuffled = SignatureBatch.stack([signatures[i] for i in order])
     np.testing.assert_array_equal(first, alone)
     np.testing.assert_array_equal(first[np.ix_(order, order)], difference_matrix(shuffled, shuffled))
+
+
+def test_few_pairs_on_the_calling_thread_are_those_of_the_whole_matrix() -> None:
+    rng = np.random.default_rng(18)
+    batch = SignatureBatch.stack([random_signature(rng, int(k)) for k in rng.integers(1, 20, 12)])
+    few = SignatureBatch.stack([batch[k] for k in range(4)])
+    whole = difference_matrix(batch, batch, form="information")
+    assert whole.size > _PAIRS_WORTH_THREADS >= len(few) * len(batch)
+    np.testing.assert_array_equal(difference_matrix(few, batch, form="information"), whole[:4])
 
 
 def test_matrix_with_empty_signatures() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from depthprint.class_directions import ClassDirections
 from depthprint.errors import DataError, ModelError
 from depthprint.io.archive import read_archive, write_archive
 from depthprint.place_methods import load_shipped_encoder
@@ -141,6 +142,40 @@ def test_partial_copies_of_the_views_are_learned_from(recogniser):
     found = some.compared_with(stored)
     assert found.kernel.shape == (2, 2 * len(stored))
     assert [distances.shape[1] for distances in found.distances] == [len(stored), 2 * len(stored)]
+
+
+@pytest.mark.parametrize("n_queries", [1, 8])
+def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views, n_queries):
+    images = [image for _, image in queries(views)][:n_queries]
+    stored, fused = recogniser.stored.views, recogniser._fused
+    asked = recogniser.stored.encode_and_describe(recogniser.encoder, images)
+    expected = asked.compared_with(stored)
+    found = ClassDirections.of(stored, fused).scores(asked)
+    np.testing.assert_allclose(found[0], fused._discriminant.scores(expected.kernel), rtol=0, atol=1e-4)
+    np.testing.assert_allclose(found[1], expected.machine_kernel @ fused.multipliers, rtol=0, atol=1e-4)
+    near = asked.distances_to(stored)
+    np.testing.assert_allclose(fused.joined(*found, near), fused.scores(expected), rtol=0, atol=1e-3)
+    # One query is multiplied by a kernel of our own, several by BLAS: both give one minus the greater cosine.
+    for distances, sides in zip(
+        near, (("straight", "mirrored"), ("surface", "mirrored_surface")), strict=True
+    ):
+        known = [getattr(stored, sides[0])] + ([stored.partial] if sides[0] == "surface" else [])
+        cosines = [getattr(asked, side) @ np.concatenate(known).T for side in sides]
+        np.testing.assert_allclose(distances, np.maximum(1 - np.maximum(*cosines), 0), rtol=0, atol=1e-6)
+
+
+def test_class_directions_of_places_have_no_surfaces(views):
+    crops = [image for _, image in views[:6]]
+    scenes = TrainedRecogniser.fit(load_shipped_encoder("handheld"), crops, ["a"] * 3 + ["b"] * 3)
+    directions = ClassDirections.of(scenes.stored.views, scenes._fused)
+    assert directions.surfaces is None
+    assert directions.machine is None
+    expected = scenes._fused._discriminant.scores(
+        scenes.stored.views.compared_with(scenes.stored.views).kernel
+    )
+    scores, machine = directions.scores(scenes.stored.views)
+    assert machine is None
+    np.testing.assert_allclose(scores, expected, rtol=0, atol=1e-4)
 
 
 def test_what_cannot_be_learned_from_is_refused(views):

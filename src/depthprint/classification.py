@@ -106,6 +106,8 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
                 f"n_neighbors={self.n_neighbors}, local_scaling={self.local_scaling} (n_samples={n})"
             )
         self.classes_, self._encoded = np.unique(labels, return_inverse=True)
+        self._by_class = np.argsort(self._encoded, kind="stable")
+        self._class_starts = np.searchsorted(self._encoded[self._by_class], np.arange(len(self.classes_)))
         self._scales = None
         if self.local_scaling and distances is not None:
             others = distances.copy()
@@ -159,9 +161,7 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
     def nearest_by_class(self, X: npt.ArrayLike) -> FloatArray:
         """Distance (n_query, c) of each query to the nearest stored object of each class, columns as ``classes_``."""
         scaled = self._scaled(X)
-        order = np.argsort(self._encoded, kind="stable")
-        starts = np.searchsorted(self._encoded[order], np.arange(len(self.classes_)))
-        return np.asarray(np.minimum.reduceat(scaled[:, order], starts, axis=1))
+        return np.asarray(np.minimum.reduceat(scaled[:, self._by_class], self._class_starts, axis=1))
 
     def _check_parameters(self) -> None:
         if self.metric != "precomputed":

@@ -40,6 +40,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _PAIRS_PER_CALL = 4096
 _CELLS_PER_TASK = 6400
+# Fewer are solved on the calling thread: others would be woken for little, and spin before they sleep again.
+_PAIRS_WORTH_THREADS = 64
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,7 @@ def difference_matrix(
     offsets = shift_table(shifts, ground)
     if below is not None and np.isnan(below):
         raise SettingsError("difference_matrix: below must be a number, got nan")
-    from depthprint._kernels.pairs import difference_tasks
+    from depthprint._kernels.pairs import difference_run, difference_tasks
     from depthprint._matrix_tasks import BelowBound, row_tasks
 
     left = side_arrays(a, masses, ground, right=False)
@@ -279,7 +281,9 @@ def difference_matrix(
         tasks.append(row_tasks(i, may_be_below.columns(i, first), step))
         pending += len(other) - first
         if pending >= _PAIRS_PER_CALL or i == len(a) - 1:
-            check_status(difference_tasks(left, right, np.concatenate(tasks), offsets, limit, rules, out))
+            solve = difference_run if out.size <= _PAIRS_WORTH_THREADS else difference_tasks
+            status = solve(left, right, np.concatenate(tasks), offsets, limit, rules, out)
+            check_status(np.atleast_1d(status))
             done, pending, tasks = done + pending, 0, []
             if progress is not None:
                 progress(done, total)

@@ -119,8 +119,8 @@ def proposed_views(
     scores (c,) of the classes ``labels`` (c,); view_labels (n,) and likeness (n,) of the stored views.
     """
     best = labels[np.argsort(-scores, kind="stable")[:CHECKED_CLASSES]]
-    order = np.argsort(-likeness, kind="stable")
-    chosen = [order[view_labels[order] == label][:CHECKED_VIEWS] for label in best]
+    members = [np.flatnonzero(view_labels == label) for label in best]
+    chosen = [of[np.argsort(-likeness[of], kind="stable")[:CHECKED_VIEWS]] for of in members]
     return np.asarray(np.concatenate(chosen), dtype=np.int64)
 
 

@@ -111,21 +111,37 @@ class FusedRecogniser:
 
     def scores(self, queries: ViewComparison) -> FloatArray:
         """Scores (m, c), larger is better, from how queries compare with the stored views."""
-        if len(queries.distances) != len(self._nearest):
-            raise DataError(
-                f"FusedRecogniser: expected {len(self._nearest)} matrices of distances, "
-                f"got {len(queries.distances)}"
-            )
-        total = standardised(self._discriminant.scores(queries.kernel))
+        machine = None
         if self.multipliers is not None:
             if queries.machine_kernel is None or queries.machine_kernel.shape[1] != len(self.multipliers):
                 raise DataError(
                     f"FusedRecogniser: expected a machine kernel (m, {len(self.multipliers)}), "
                     f"got {None if queries.machine_kernel is None else queries.machine_kernel.shape}"
                 )
-            total += standardised(np.asarray(queries.machine_kernel @ self.multipliers, dtype=np.float64))
-        for classifier, distances in zip(self._nearest, queries.distances, strict=True):
-            nearest = -classifier.nearest_by_class(distances)
+            machine = np.asarray(queries.machine_kernel @ self.multipliers, dtype=np.float64)
+        return self.joined(self._discriminant.scores(queries.kernel), machine, queries.distances)
+
+    @property
+    def discriminant(self) -> tuple[FloatArray, FloatArray]:
+        """Weights (k n, c) of kernel values and offsets (c,), which make the discriminant's scores."""
+        return self._discriminant.weights, self._discriminant.offsets
+
+    def joined(
+        self,
+        discriminant: FloatArray,
+        machine: FloatArray | None,
+        distances: Sequence[npt.NDArray[np.floating[Any]]],
+    ) -> FloatArray:
+        """Scores (m, c) from those of the discriminant and of the machine, and from distances to the stored views."""
+        if len(distances) != len(self._nearest):
+            raise DataError(
+                f"FusedRecogniser: expected {len(self._nearest)} matrices of distances, got {len(distances)}"
+            )
+        total = standardised(discriminant)
+        if machine is not None:
+            total += standardised(machine)
+        for classifier, to_stored in zip(self._nearest, distances, strict=True):
+            nearest = -classifier.nearest_by_class(to_stored)
             total += self.nearest_share / len(self._nearest) * standardised(nearest)
         return total
 

@@ -17,8 +17,9 @@ from depthprint.object_kernels import DistanceFeatures
 from depthprint.recogniser_calibration import Calibration
 from depthprint.signature import SignatureBatch
 from depthprint.stored_geometry import StoredGeometry
-from depthprint.stored_views import StoredViews, ViewFeatures
+from depthprint.stored_views import StoredViews
 from depthprint.surface_words import SurfaceWords
+from depthprint.view_features import ViewFeatures
 
 if TYPE_CHECKING:
     from depthprint.trained_recogniser import TrainedRecogniser

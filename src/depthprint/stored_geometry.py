@@ -23,8 +23,8 @@ __all__ = ["LONGEST_SIDE_PX", "StoredGeometry", "thinned"]
 
 LONGEST_SIDE_PX = 64
 _STEPS = 65535
-# Some 100 kB each.
-_KEPT_SURFACES = 1024
+# Some 50 kB each.
+_KEPT_SURFACES = 4096
 
 
 def thinned(image: RangeImage) -> RangeImage:

@@ -14,19 +14,18 @@ from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.object_distances import compare_complexities, compare_with_batches, signature_batches
 from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings, unit_rows
-from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_comparison
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.stored_geometry import StoredGeometry
 from depthprint.surface_words import SurfaceWords
+from depthprint.view_features import FEW_ROWS, ViewFeatures, few_products
 
 __all__ = [
     "MAX_DIRECTIONS",
     "MAX_LANDMARKS",
     "MAX_LANDMARKS_BESIDE_SURFACES",
     "StoredViews",
-    "ViewFeatures",
     "store_views",
 ]
 
@@ -36,106 +35,6 @@ MAX_DIRECTIONS = 384
 MAX_LANDMARKS = 48
 # Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
 MAX_LANDMARKS_BESIDE_SURFACES = 24
-# So many rows or fewer are multiplied by the directions without those that a zero would be multiplied by.
-FEW_ROWS = 8
-
-
-@dataclass(frozen=True)
-class _Sides:
-    """Unit vectors (n, r) of views and of their mirror images."""
-
-    straight: Float32Array
-    mirrored: Float32Array
-
-    @cached_property
-    def sums(self) -> Float32Array:
-        """Unit vectors of the sums of both."""
-        return unit_rows(self.straight + self.mirrored)
-
-    def compared_with(self, stored: _Sides) -> tuple[Float32Array, Float32Array]:
-        """Kernel of the sums of views and mirror images, and one minus the cosine of the nearer."""
-        cosine = np.maximum(self.straight @ stored.straight.T, self.mirrored @ stored.straight.T)
-        if self is stored:
-            cosine = np.maximum(cosine, cosine.T)
-        return self.sums @ stored.sums.T, np.maximum(1.0 - cosine, 0.0)
-
-
-@dataclass(frozen=True)
-class ViewFeatures:
-    """Views as short vectors, (n, r) each, read-only.
-
-    straight, mirrored: unit pooled codes along the leading directions; ``mirrored`` equals ``straight`` where the
-    preset does not mirror. landmark: unit features of the information distance to the landmarks. surface,
-    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared. partial,
-    mirrored_partial: those of partly hidden copies of the views, where these are learned from.
-    """
-
-    straight: Float32Array
-    mirrored: Float32Array
-    landmark: Float32Array
-    surface: Float32Array | None = None
-    mirrored_surface: Float32Array | None = None
-    partial: Float32Array | None = None
-    mirrored_partial: Float32Array | None = None
-
-    def __post_init__(self) -> None:
-        for array in (self.straight, self.mirrored, self.landmark, *self._surfaces()):
-            if array is not None:
-                array.setflags(write=False)
-
-    def __len__(self) -> int:
-        return len(self.straight)
-
-    def _surfaces(self) -> tuple[Float32Array | None, ...]:
-        return self.surface, self.mirrored_surface, self.partial, self.mirrored_partial
-
-    @cached_property
-    def _codes(self) -> _Sides:
-        return _Sides(self.straight, self.mirrored)
-
-    @cached_property
-    def _surface_sides(self) -> _Sides | None:
-        if self.surface is None or self.mirrored_surface is None:
-            return None
-        return _Sides(self.surface, self.mirrored_surface)
-
-    @cached_property
-    def _with_copies(self) -> _Sides | None:
-        """Surface vectors of the views, then of their partial copies, and those of their mirror images."""
-        if self.partial is None or self.mirrored_partial is None or self._surface_sides is None:
-            return self._surface_sides
-        views = self._surface_sides
-        return _Sides(
-            np.concatenate([views.straight, self.partial]),
-            np.concatenate([views.mirrored, self.mirrored_partial]),
-        )
-
-    @cached_property
-    def _known(self) -> Float32Array:
-        """Surface vectors of the views, then of their mirror images: what the machine learns from."""
-        return np.concatenate([rows for rows in (self.surface, self.mirrored_surface) if rows is not None])
-
-    def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
-        """Some of the views."""
-        surfaces = (None if array is None else array[rows] for array in self._surfaces())
-        return ViewFeatures(self.straight[rows], self.mirrored[rows], self.landmark[rows], *surfaces)
-
-    def compared_with(self, stored: ViewFeatures) -> ViewComparison:
-        """Kernel values and distances (m, n) to other views."""
-        kernel, nearest = self._codes.compared_with(stored._codes)
-        parts = [ViewComparison(kernel, (nearest,)), ViewComparison(self.landmark @ stored.landmark.T)]
-        shares = [KERNEL_SHARES["codes"], KERNEL_SHARES["complexities"]]
-        # Among themselves views are compared with all copies; others ask for none of theirs.
-        sides = self._with_copies if self is stored else self._surface_sides
-        if sides is not None and self.surface is not None:
-            others = stored._with_copies
-            if others is None:
-                raise DataError("views: expected stored views with surface vectors, got some without")
-            machine = (stored._known if self is stored else self.surface) @ stored._known.T
-            kernel, nearest = sides.compared_with(others)
-            parts.append(ViewComparison(kernel, (nearest,), machine))
-            shares.append(KERNEL_SHARES["surfaces"])
-        return fused_comparison(parts, shares)
 
 
 @dataclass(frozen=True)
@@ -209,16 +108,19 @@ class StoredViews:
         known = self.surface_directions
         codes: list[Float32Array] = []
         along: list[Float32Array | None] = [None, None]
+        features: list[Float32Array] = []
 
         def work(number: int, _: int) -> None:
             if number == 0:
+                distances = compare_with_batches(encoder, encodings, self._landmark_batches)
+                features.append(self.distance_features.of(distances))
+            elif number == 1:
                 codes[:] = _code_sides(encoder, encodings, self.directions)
             elif known is not None:
                 along[:] = _along(known, surfaces)
 
-        for_blocks(1 + (known is not None and len(surfaces) > 0), 1, work)
-        distances = compare_with_batches(encoder, encodings, self._landmark_batches)
-        return ViewFeatures(codes[0], codes[1], self.distance_features.of(distances), along[0], along[1])
+        for_blocks(2 + (known is not None and len(surfaces) > 0), 1, work)
+        return ViewFeatures(codes[0], codes[1], features[0], along[0], along[1])
 
 
 def store_views(
@@ -270,10 +172,8 @@ def _code_sides(
 
 def _along(directions: Float32Array, vectors: Sequence[Float32Array]) -> list[Float32Array]:
     """Unit vectors along the directions, of views and of their mirror images."""
-    from depthprint._kernels.sparse_rows import sparse_products
-
     rows = np.concatenate(vectors)
-    products = sparse_products(rows, directions) if len(rows) <= FEW_ROWS else rows @ directions
+    products = few_products(rows, directions) if len(rows) <= FEW_ROWS else rows @ directions
     return np.split(unit_rows(products), len(vectors))
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.class_directions import ClassDirections
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
 from depthprint.object_alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
-from depthprint.object_recogniser import FusedRecogniser, ViewComparison
+from depthprint.object_recogniser import FusedRecogniser
 from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
@@ -71,6 +72,8 @@ class TrainedRecogniser:
         self._fused = FusedRecogniser().fit(
             stored.views.compared_with(stored.views), np.asarray(labels), multipliers
         )
+        self._directions = ClassDirections.of(stored.views, self._fused)
+        self._classes = np.searchsorted(self._fused.labels, np.asarray(labels))
 
     @classmethod
     def fit(
@@ -127,20 +130,20 @@ class TrainedRecogniser:
         if not images:
             raise DataError("recognise: expected a view or several of one object, got none")
         features = self.stored.encode_and_describe(self.encoder, images)
-        comparison = features.compared_with(self.stored.views)
-        distances = comparison.distances[0]
+        near, labels = features.distances_to(self.stored.views), self.labels
+        distances = near[0]
         scores = _checked(
-            self._fused.scores(comparison),
-            self._fused.labels,
+            self._fused.joined(*self._directions.scores(features), near),
+            np.arange(len(labels)),
             self.stored.geometry,
             images,
-            np.asarray(self.view_labels),
-            _nearness(comparison, len(self.sources)),
+            self._classes,
+            _nearness(near, len(self.sources)),
         ).mean(axis=0)
         shares, none = self.calibration.probabilities(scores, float(distances.min(axis=1).mean()))
         order = np.argsort(-shares, kind="stable")
         nearest = int(distances.min(axis=0).argmin())
-        best, labels = int(order[0]), self.labels
+        best = int(order[0])
         known = none <= 0.5
         return Recognition(
             label=labels[best] if known else None,
@@ -180,15 +183,17 @@ def _score(
         kept.geometry,
         [images[k] for k in test],
         labels,
-        _nearness(comparison, len(train)),
+        _nearness(comparison.distances, len(train)),
         train,
     )
     return scores, np.asarray(comparison.distances[0].min(axis=1), dtype=np.float64)
 
 
-def _nearness(comparison: ViewComparison, n_views: int) -> npt.NDArray[np.floating[Any]]:
+def _nearness(
+    distances: Sequence[npt.NDArray[np.floating[Any]]], n_views: int
+) -> npt.NDArray[np.floating[Any]]:
     """Likeness (m, n) of the stored views by what was compared last, surfaces where there are any."""
-    return -comparison.distances[-1][:, :n_views]
+    return -distances[-1][:, :n_views]
 
 
 def _checked(

@@ -14,7 +14,15 @@ from depthprint._kernels.ground import PairRules, Side, ground_costs
 from depthprint._kernels.relaxation import normalise, reduced_work
 from depthprint._kernels.transport import ABANDONED, OPTIMAL, make_scratch, solve_transport
 
-__all__ = ["ROUNDING", "difference_tasks", "pair_distance", "pair_distances", "solve_many", "solve_run"]
+__all__ = [
+    "ROUNDING",
+    "difference_run",
+    "difference_tasks",
+    "pair_distance",
+    "pair_distances",
+    "solve_many",
+    "solve_run",
+]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -74,11 +82,28 @@ def difference_tasks(
 ) -> IntArray:
     """out[i, j] of tasks (i, j_first, j_last): least distance over the shifts, inf where over ``below``."""
     status = np.zeros(len(tasks), np.int64)
-    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
     for t in prange(len(tasks)):
-        ints, icost = make_scratch(k_p, k_q)
-        cost = np.empty((k_p, k_q))
-        minima = np.empty((2, max(k_p, k_q)))
+        status[t] = difference_run(left, right, tasks[t : t + 1], shifts, below, rules, out)
+    return status
+
+
+@njit(cache=True, nogil=True)
+def difference_run(
+    left: Side,
+    right: Side,
+    tasks: IntArray,
+    shifts: FloatArray,
+    below: float,
+    rules: PairRules,
+    out: FloatArray,
+) -> int:
+    """``difference_tasks`` on the calling thread; the last status that is not optimal, if any."""
+    status = OPTIMAL
+    k_p, k_q = left.weights.shape[1], right.weights.shape[1]
+    ints, icost = make_scratch(k_p, k_q)
+    cost = np.empty((k_p, k_q))
+    minima = np.empty((2, max(k_p, k_q)))
+    for t in range(len(tasks)):
         i = tasks[t, 0]
         for j in range(tasks[t, 1], tasks[t, 2]):
             best = np.inf
@@ -87,7 +112,7 @@ def difference_tasks(
                     left, i, right, j, shifts[s], min(best, below), rules, ints, icost, cost, minima
                 )
                 if code != OPTIMAL:
-                    status[t] = code
+                    status = code
                 best = min(best, value)
             out[i, j] = best if best <= below else np.inf
     return status

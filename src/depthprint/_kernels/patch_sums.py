@@ -31,7 +31,7 @@ def patch_sums(
     """
     nodes, patch = axis.shape
     p, n_lefts = kernels.shape[1], len(lefts)
-    sums = np.zeros((len(tops), n_lefts, nodes, nodes * p), dtype=np.float32)
+    sums = np.zeros((len(tops) * n_lefts * nodes, nodes * p), dtype=np.float32)
     plain_sums = np.zeros((len(tops), n_lefts, nodes, nodes), dtype=np.float32)
     squares = np.zeros((len(tops), n_lefts))
     across = np.zeros((n_lefts, nodes * p), dtype=np.float32)
@@ -54,12 +54,16 @@ def patch_sums(
                         plain[k, a] += weight * axis[a, c]
                     continue
                 used[k] = True
-                values = kernels[number]
                 for a in range(nodes):
-                    share = weight * axis[a, c]
-                    into = across[k, a * p : (a + 1) * p]
-                    for i in range(p):
-                        into[i] += share * values[i]
+                    _add(
+                        kernels,
+                        np.uint64(number),
+                        p,
+                        weight * axis[a, c],
+                        across,
+                        np.uint64(k),
+                        np.uint64(a * p),
+                    )
         for t in range(len(tops)):
             if not tops[t] <= r < tops[t] + patch:
                 continue
@@ -70,9 +74,8 @@ def patch_sums(
                     for b in range(nodes):
                         plain_sums[t, k, a, b] += share * plain[k, b]
                     if used[k]:
-                        total, part = sums[t, k, a], across[k]
-                        for i in range(nodes * p):
-                            total[i] += share * part[i]
+                        into = np.uint64((t * n_lefts + k) * nodes + a)
+                        _add(across, np.uint64(k), nodes * p, share, sums, into, np.uint64(0))
     whole = sums.reshape(len(tops) * n_lefts, nodes * nodes, p)
     flat = plain_sums.reshape(len(tops) * n_lefts, nodes * nodes)
     for t in range(len(whole)):
@@ -80,6 +83,15 @@ def patch_sums(
             for i in range(p):
                 whole[t, a, i] += flat[t, a] * kernels[0, i]
     return whole, squares.reshape(len(tops) * n_lefts)
+
+
+@njit(cache=True, nogil=True)
+def _add(
+    rows: Float32Array, row: int, n: int, share: float, sums: Float32Array, into: int, first: int
+) -> None:
+    """Add a share of n values of a row to those of another from ``first`` on; unsigned, which spares tests."""
+    for i in range(np.uint64(n)):
+        sums[into, first + i] += share * rows[row, i]
 
 
 @njit(cache=True, nogil=True)

@@ -30,6 +30,7 @@ def spin_coordinates(
     coordinates = np.empty((len(rows) * len(columns) * most, 3), dtype=np.float32)
     counts = np.zeros(len(rows) * len(columns), dtype=np.int64)
     half = patch // 2
+    down, across = order // patch, order % patch
     number, used = -1, 0
     for top in rows:
         for left in columns:
@@ -38,8 +39,8 @@ def spin_coordinates(
             if centre[2] <= 0.0 or (axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0):
                 continue
             n = 0
-            for place in order:
-                r, c = top + place // patch, left + place % patch
+            for place in range(len(order)):
+                r, c = top + down[place], left + across[place]
                 normal = normals[r, c]
                 if points[r, c, 2] <= 0.0 or (normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0):
                     continue

@@ -13,38 +13,50 @@ Float32Array = npt.NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def _read_row(place: float, table: Float32Array, row: Float32Array) -> None:
-    k = min(int(place), table.shape[0] - 3)
+def _cubic(place: float, nodes: int) -> tuple[np.uint64, np.float32, np.float32, np.float32, np.float32]:
+    """First of the four nodes around a place, and their weights in single precision.
+
+    Nodes are unsigned, which spares the test for an index from the end: that would keep loops from vectorising.
+    """
+    k = min(int(place), nodes - 3)
     t = place - k
-    w0 = np.float32(-t * (t - 1.0) * (t - 2.0) / 6.0)
-    w1 = np.float32((t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0)
-    w2 = np.float32(-(t + 1.0) * t * (t - 2.0) / 2.0)
-    w3 = np.float32((t + 1.0) * t * (t - 1.0) / 6.0)
-    a, b, c, d = table[k - 1], table[k], table[k + 1], table[k + 2]
-    for i in range(len(row)):
-        row[i] = (w0 * a[i] + w1 * b[i]) + (w2 * c[i] + w3 * d[i])
+    return (
+        np.uint64(k - 1),
+        np.float32(-t * (t - 1.0) * (t - 2.0) / 6.0),
+        np.float32((t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0),
+        np.float32(-(t + 1.0) * t * (t - 2.0) / 2.0),
+        np.float32((t + 1.0) * t * (t - 1.0) / 6.0),
+    )
 
 
 @njit(cache=True, nogil=True)
 def read_rows(places: FloatArray, table: Float32Array, rows: Float32Array) -> None:
     """Write rows (n, p) of a table (nodes, p) at places (n,) in [1, nodes - 2], in units of the nodes."""
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for n in range(len(places)):
-        _read_row(places[n], table, rows[n])
+        k, w0, w1, w2, w3 = _cubic(places[n], table.shape[0])
+        for i in range(np.uint64(table.shape[1])):
+            rows[n, i] = (w0 * table[k, i] + w1 * table[k + one, i]) + (
+                w2 * table[k + two, i] + w3 * table[k + three, i]
+            )
 
 
 @njit(cache=True, nogil=True)
 def read_products(
     first_places: FloatArray, first: Float32Array, second_places: FloatArray, second: Float32Array
 ) -> Float32Array:
-    """Products (n, a b) of all values of two rows read from tables (nodes, a) and (nodes, b), the second's fastest."""
-    n, a, b = len(first_places), first.shape[1], second.shape[1]
-    products = np.empty((n, a * b), dtype=np.float32)
-    one, other = np.empty(a, dtype=np.float32), np.empty(b, dtype=np.float32)
-    for k in range(n):
-        _read_row(first_places[k], first, one)
-        _read_row(second_places[k], second, other)
-        for i in range(a):
-            into, value = products[k, i * b : (i + 1) * b], one[i]
-            for j in range(b):
-                into[j] = value * other[j]
+    """Products (n, p), value by value, of rows read from two tables (nodes, p) at places as ``read_rows`` has them."""
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    products = np.empty((len(first_places), first.shape[1]), dtype=np.float32)
+    for n in range(len(first_places)):
+        a, w0, w1, w2, w3 = _cubic(first_places[n], first.shape[0])
+        b, v0, v1, v2, v3 = _cubic(second_places[n], second.shape[0])
+        for i in range(np.uint64(first.shape[1])):
+            products[n, i] = (
+                (w0 * first[a, i] + w1 * first[a + one, i])
+                + (w2 * first[a + two, i] + w3 * first[a + three, i])
+            ) * (
+                (v0 * second[b, i] + v1 * second[b + one, i])
+                + (v2 * second[b + two, i] + v3 * second[b + three, i])
+            )
     return products

@@ -83,9 +83,7 @@ def spin_of_points(depth: Float32Array, points: FloatArray) -> PatchDescriptors:
     coordinates, counts = spin_coordinates(
         np.ascontiguousarray(points), normals, rows, columns, PATCH_PX, _order(), RADIUS_M, MOST_POINTS
     )
-    vectors = _means(coordinates, counts)
-    known = counts >= LEAST_POINTS
-    return PatchDescriptors(vectors[known], positions[known])
+    return PatchDescriptors(_means(coordinates, counts), positions[counts >= LEAST_POINTS])
 
 
 @lru_cache(maxsize=1)
@@ -94,7 +92,10 @@ def _order() -> npt.NDArray[np.int64]:
 
 
 def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32Array:
-    """Descriptors (m, 200): means of the kernels of (cos, along, across), (n, 3), over the points of each."""
+    """Descriptors (m, 200): means of the kernels of (cos, along, across), (n, 3), over the points of each patch.
+
+    Patches with too few points are left out.
+    """
     from depthprint._kernels.tables import read_products, read_rows
 
     kernel = spin_kernel()
@@ -105,18 +106,22 @@ def _means(coordinates: Float32Array, counts: npt.NDArray[np.int64]) -> Float32A
     spatial = read_products(
         (along / RADIUS_M + 1) * (NODES / 2) + 1, along_table, across * (NODES / RADIUS_M) + 1, across_table
     )
-    sums = np.zeros((len(counts), spatial.shape[1], attribute.shape[1]), dtype=np.float32)
+    known = np.flatnonzero(counts >= LEAST_POINTS)
+    sums = np.empty((len(known), spatial.shape[1], attribute.shape[1]), dtype=np.float32)
     ends = np.cumsum(counts)
-    for number in np.flatnonzero(counts):
-        points = slice(ends[number] - counts[number], ends[number])
+    for number, patch in enumerate(known):
+        points = slice(ends[patch] - counts[patch], ends[patch])
         np.matmul(spatial[points].T, attribute[points], out=sums[number])
-    sums /= np.maximum(counts, 1).astype(np.float32)[:, None, None]
+    sums /= counts[known].astype(np.float32)[:, None, None]
     return kernel.project_places(sums)
 
 
 @lru_cache(maxsize=1)
 def _tables() -> tuple[Float32Array, ...]:
-    """Kernels of angles in their span, of places along, and of places across, at the nodes of their ranges."""
+    """Kernels of angles in their span, of places along, and of places across, at the nodes of their ranges.
+
+    The latter two have a column for each point of the spatial basis, so that their product is that of both.
+    """
     kernel = spin_kernel()
     share = (np.arange(NODES + 3) - 1) / NODES
     angles = np.stack([np.sin(np.pi * share), np.cos(np.pi * share)], axis=1)
@@ -125,4 +130,6 @@ def _tables() -> tuple[Float32Array, ...]:
         gaussian_kernel(places[:, None], axis[:, None], SPATIAL_GAMMA)
         for places, axis in (((2 * share - 1) * RADIUS_M, ALONG_AXIS_M), (share * RADIUS_M, ACROSS_AXIS_M))
     )
+    along = np.repeat(along, len(ACROSS_AXIS_M), axis=1)
+    across = np.tile(across, (1, len(ALONG_AXIS_M)))
     return kernel.padded(attribute.astype(np.float32)), along.astype(np.float32), across.astype(np.float32)
