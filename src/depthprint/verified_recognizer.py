@@ -206,7 +206,10 @@ class VerifiedRecognizer:
         checks.add(place, found, earlier, plausible.accepted)
 
     def _one_spot(self, view: DepthView) -> Callable[..., bool | None] | None:
-        return None if self._evidence is None else partial(self._evidence.one_spot, view.settings)
+        # A camera held in the hand sees other things from one spot.
+        if self._evidence is None or not view.settings.upright:
+            return None
+        return partial(self._evidence.one_spot, view.settings)
 
     def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
