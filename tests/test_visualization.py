@@ -12,7 +12,7 @@ from depthprint.range_image import RangeImage
 from depthprint.visualization._style import titled
 from depthprint.visualization.atoms import atom_grid, draw_atoms
 from depthprint.visualization.confusion_matrix import draw_confusion_matrix
-from depthprint.visualization.difference_matrix import draw_difference_matrix
+from depthprint.visualization.difference_matrix import _extent, draw_difference_matrix
 from depthprint.visualization.flow import PlacedClusters, draw_flow
 from depthprint.visualization.path import PathLoops, draw_path
 from depthprint.visualization.precision_recall import draw_precision_recall
@@ -137,6 +137,12 @@ def test_difference_matrix_shows_what_was_not_compared_in_grey(tmp_path):
         draw_difference_matrix(np.full((2, 2), np.nan), tmp_path / "none.png")
     with pytest.raises(DataError, match="two dimensions"):
         draw_difference_matrix(np.ones(3), tmp_path / "none.png")
+
+
+def test_difference_matrix_of_every_fifth_frame_counts_frames():
+    left, right, bottom, top = _extent((200, 200), (0, 995))
+    assert (left, right, bottom, top) == (-2.5, 997.5, 997.5, -2.5)
+    assert _extent((200, 200), None) is None
 
 
 def test_precision_recall_draws_one_curve_a_method(tmp_path):

@@ -215,6 +215,7 @@ def _draw_differences(run: RunFolder, sequence: RangeSequence, sample: SampledDi
         data=sequence.name + thinned,
         simulated=sequence.simulated,
         label="information distance",
+        frames=(int(sample.frames[0]), int(sample.frames[-1])),
     )
 
 
