@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
@@ -83,6 +83,8 @@ def test_a_turned_plane_is_a_plane_turned_as_much(up, right):
 
 
 @given(up=st.floats(-20, 20), right=st.floats(-20, 20))
+@example(up=20.0, right=19.9375)
+@example(up=-20.0, right=-20.0)
 @settings(max_examples=15, deadline=None)
 def test_a_turned_sphere_lies_on_the_sphere_with_holes_only_where_it_was_not_seen(up, right):
     centre, radius = np.array([0.01, -0.02, 0.6]), 0.04
@@ -96,7 +98,11 @@ def test_a_turned_sphere_lies_on_the_sphere_with_holes_only_where_it_was_not_see
     # The cosine at which the first view saw each point; the last two pixels before its edge may be in no triangle.
     before = (normals @ R) * radius + centre
     cosine = -((normals @ R) * before).sum(-1) / np.linalg.norm(before, axis=-1)
-    assert copy.valid[cosine > 0.45].all()
+    # The outline of flat triangles lies a hair inside the sphere's, which the copy sees at a cosine of zero.
+    rays = copy.projection.directions()
+    here = -(normals * rays).sum(-1) / np.linalg.norm(rays, axis=-1)
+    assert copy.valid[(cosine > 0.45) & (here > 0.05)].all()
+    assert copy.valid[(cosine > 0.35) & (here > 0.25)].all()
     assert not copy.valid[~np.isfinite(true_m)].any()
     assert not copy.valid[cosine < -0.05].any()
 
