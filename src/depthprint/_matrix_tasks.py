@@ -53,9 +53,6 @@ def row_tasks(i: int, columns: IntArray, step: int) -> IntArray:
     """(tasks, 3) of row, first and last column: runs of neighbouring columns, at most ``step`` each."""
     if not len(columns):
         return np.empty((0, 3), np.int64)
-    if columns[-1] - columns[0] == len(columns) - 1:
-        first = np.arange(columns[0], columns[-1] + 1, step)
-        return np.stack([np.full_like(first, i), first, np.minimum(first + step, columns[-1] + 1)], axis=1)
     breaks = np.flatnonzero(np.diff(columns) > 1) + 1
     starts, stops = columns[np.append(0, breaks)], columns[np.append(breaks, len(columns)) - 1] + 1
     pieces = -(-(stops - starts) // step)

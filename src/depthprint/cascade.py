@@ -14,7 +14,7 @@ from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
 from depthprint.verified_recognizer import VerifiedRecognizer
 
-__all__ = ["make_cascade", "places_checked"]
+__all__ = ["make_cascade", "places_checked", "places_correlated"]
 
 _FRAMES_THAT_SECOND = 3
 # Of forward and spinning sensors more give no more loops. Hand-held ones have as many from the columns as from the
@@ -48,7 +48,7 @@ def make_cascade(
     if not settings.verify:
         return inner
     checked = places_checked(encoder.settings) if settings.verified is None else settings.verified
-    correlated = settings.correlated if is_planar(encoder.settings) else 0
+    correlated = places_correlated(encoder.settings, settings)
     polar = encoder.settings.polar
     shifts = any(stream.view == "polar" for stream in encoder.settings.streams)
     return VerifiedRecognizer(
@@ -74,3 +74,8 @@ def places_checked(settings: EncoderSettings) -> int:
         return _CHECKED_PLANAR
     in_perspective = all(stream.view != "polar" for stream in settings.streams)
     return _CHECKED_IN_PERSPECTIVE if in_perspective else _CHECKED
+
+
+def places_correlated(settings: EncoderSettings, stages: CascadeSettings) -> int:
+    """How many proposals are ordered by how well scans correlate: ours and a rival's alike, of planar scans alone."""
+    return stages.correlated if is_planar(settings) else 0

@@ -80,7 +80,8 @@ class CheckedPlaces:
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Plausible places, the best first."""
-        order = sorted(self._plausible, key=lambda place: (place != self.best, -self._strength(place), place))
+        best = self.best
+        order = sorted(self._plausible, key=lambda place: (place != best, -self._strength(place), place))
         return tuple(
             Hypothesis(
                 place,
@@ -117,14 +118,11 @@ class CheckedPlaces:
         return [other for other in accepted if other == place or self._means_the_same(place, other)]
 
     def _means_the_same(self, place: int, other: int) -> bool:
-        told = None
-        if self._one_spot is not None:
-            told = self._one_spot(
-                place, self.found[place].T_match_query, other, self.found[other].T_match_query
-            )
-        if told is None or not (told or self._slips):
-            return abs(place - other) <= _ONE_PLACE
-        return told
+        near = abs(place - other) <= _ONE_PLACE
+        if self._one_spot is None:
+            return near
+        told = self._one_spot(place, self.found[place].T_match_query, other, self.found[other].T_match_query)
+        return near if told is None else told or (near and not self._slips)
 
     def _strength(self, place: int) -> float:
         return self._joined(place, self._alone(place))

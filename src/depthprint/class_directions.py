@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser
+from depthprint.object_recogniser import FusedRecogniser
 from depthprint.view_features import ViewFeatures
 
 __all__ = ["ClassDirections"]
@@ -42,17 +42,15 @@ class ClassDirections:
         # A copy of a view that has a surface alone is for the others the view itself.
         of_views = weights.reshape(-1, len(stored), weights.shape[1]).sum(axis=0)
         sides = stored.surface_sums
-        shares = {name: KERNEL_SHARES[name] for name in ("codes", "complexities")}
-        if sides is not None:
-            shares["surfaces"] = KERNEL_SHARES["surfaces"]
-        total = sum(shares.values())
+        total = sum(stored.shares.values())
+        shares = {name: share / total for name, share in stored.shares.items()}
         known, machine = stored.known_surfaces, None
         if known is not None and fused.multipliers is not None:
             machine = np.asarray(known.T @ fused.multipliers.astype(np.float64), dtype=np.float64)
         return cls(
-            shares["codes"] / total * (stored.code_sums.T @ of_views),
-            shares["complexities"] / total * (stored.landmark.T @ of_views),
-            None if sides is None else shares["surfaces"] / total * (sides.T @ weights),
+            shares["codes"] * (stored.code_sums.T @ of_views),
+            shares["complexities"] * (stored.landmark.T @ of_views),
+            None if sides is None else shares["surfaces"] * (sides.T @ weights),
             machine,
             offsets,
         )

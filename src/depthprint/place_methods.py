@@ -10,7 +10,7 @@ from depthprint.encoder import Encoder
 from depthprint.encoder_ablations import random_patches, without_coding
 from depthprint.encoder_file import shipped_model_path
 from depthprint.errors import ModelError, SettingsError
-from depthprint.presets import bird_eye_columns, is_planar, preset_settings
+from depthprint.presets import bird_eye_columns, preset_settings
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.settings import PolarSettings
@@ -241,7 +241,7 @@ def make_place_recognizer(
     recognizer = PLACE_METHODS[plain](context)
     if plain == name:
         return recognizer
-    from depthprint.cascade import places_checked
+    from depthprint.cascade import places_checked, places_correlated
     from depthprint.cascade_settings import CascadeSettings
     from depthprint.verified_recognizer import VerifiedRecognizer
 
@@ -249,7 +249,7 @@ def make_place_recognizer(
     return VerifiedRecognizer(
         recognizer,
         places_checked(settings),
-        correlated=CascadeSettings().correlated if is_planar(settings) else 0,
+        correlated=places_correlated(settings, CascadeSettings()),
         columns_full_circle=polar.sectors if polar.full_circle else None,
         track=True,
         views=views,

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from depthprint.checked_places import CheckedPlaces, distance_of
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
-from depthprint.projection import LaserRow
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
@@ -134,21 +133,21 @@ class VerifiedRecognizer:
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
-        checks = CheckedPlaces(
-            pool, self._spread, self._one_spot(description.view), slips=_is_planar(description.view)
-        )
-        for place, pose in self._expected(description.view, stored).items():
+        view = description.view
+        checks = CheckedPlaces(pool, self._spread, self._one_spot(view), slips=view.planar)
+        for place, pose in self._expected(view, stored).items():
             if checks.certain:
                 break
             self._check(checks, description, place, 0.0, (pose,), True)
-        for match in spread_in_time(self._promising(pool, description.view), self._k, self._spread):
+        promising = [] if checks.certain else self._promising(pool, view)
+        for match in spread_in_time(promising, self._k, self._spread):
             if checks.certain:
                 break
             if match.place not in checks.found:
-                self._check(checks, description, match.place, self._yaw(match, description.view), (), False)
+                self._check(checks, description, match.place, self._yaw(match, view), (), False)
         if checks.best is None and self._further is not None:
             for match in self._further(description.inner, limit=limit):
-                yaw = -(match.shift or 0.0) * description.view.projection.horizontal_fov_rad
+                yaw = -(match.shift or 0.0) * view.projection.horizontal_fov_rad
                 if match.place not in checks.found and abs(yaw) <= _MOST_TURN_RAD:
                     self._check(checks, description, match.place, yaw, (), False)
         if self._climb and checks.best is not None:
@@ -213,7 +212,7 @@ class VerifiedRecognizer:
 
     def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
-        if self._correlated and _is_planar(view):
+        if self._correlated and view.planar:
             from depthprint.verification.scan_starts import correlation_shares
 
             pool = spread_in_time(pool, self._correlated, self._spread)
@@ -272,7 +271,3 @@ class VerifiedRecognizer:
         """The pose seen from another place, as far as the motion between the two is known."""
         T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
         return T_match_query if T_place_match is None else T_place_match @ T_match_query
-
-
-def _is_planar(view: DepthView) -> bool:
-    return isinstance(view.projection, LaserRow)

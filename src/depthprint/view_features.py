@@ -104,9 +104,19 @@ class ViewFeatures:
         )
 
     @cached_property
-    def _known(self) -> Float32Array:
+    def known_surfaces(self) -> Float32Array | None:
         """Surface vectors of the views, then of their mirror images: what the machine learns from."""
-        return np.concatenate([rows for rows in (self.surface, self.mirrored_surface) if rows is not None])
+        if self._surface_sides is None:
+            return None
+        return np.concatenate([self._surface_sides.straight, self._surface_sides.mirrored])
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Weights, in the sum of kernels, of what is known of the views."""
+        shares = {name: KERNEL_SHARES[name] for name in ("codes", "complexities")}
+        if self._surface_sides is not None:
+            shares["surfaces"] = KERNEL_SHARES["surfaces"]
+        return shares
 
     def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
         """Some of the views."""
@@ -123,11 +133,6 @@ class ViewFeatures:
         """Those of the surface vectors, followed by those of partial copies where these are learned from."""
         return None if self._with_copies is None else self._with_copies.sums
 
-    @property
-    def known_surfaces(self) -> Float32Array | None:
-        """Surface vectors of the views, then of their mirror images: what the machine learns from."""
-        return None if self.surface is None else self._known
-
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
         near = self.distances_to(stored)
@@ -135,13 +140,12 @@ class ViewFeatures:
             ViewComparison(self._codes.kernel_with(stored._codes), near[:1]),
             ViewComparison(self.landmark @ stored.landmark.T),
         ]
-        shares = [KERNEL_SHARES["codes"], KERNEL_SHARES["complexities"]]
         sides, others = self._sides_against(stored)
-        if sides is not None and others is not None and self.surface is not None:
-            machine = (stored._known if self is stored else self.surface) @ stored._known.T
+        known = stored.known_surfaces
+        if sides is not None and others is not None and known is not None:
+            machine = (known if self is stored else sides.straight) @ known.T
             parts.append(ViewComparison(sides.kernel_with(others), near[1:], machine))
-            shares.append(KERNEL_SHARES["surfaces"])
-        return fused_comparison(parts, shares)
+        return fused_comparison(parts, list(self.shares.values()))
 
     def distances_to(self, stored: ViewFeatures) -> tuple[Float32Array, ...]:
         """Distances (m, n) to other views by their codes, and (m, k n) by surfaces where these are compared."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.projection import LaserRow
 from depthprint.rigid_motion import inverse_pose
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.turns import Turn, likeliest, turn_between
@@ -109,7 +108,7 @@ class DepthOdometry:
             return None
         if self._step is None or self._step.view is not view:
             tried: list[Verification] = []
-            if not isinstance(view.projection, LaserRow):
+            if not view.planar:
                 # One row alone may agree with the last wherever along its walls.
                 tried.append(self._verifier.refine(view, self._last, self._motion))
             for yaw_rad in view.settings.motion_yaw_rad:

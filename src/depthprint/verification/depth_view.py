@@ -40,6 +40,11 @@ class DepthView:
     settings: VerificationSettings
 
     @property
+    def planar(self) -> bool:
+        """Whether it is one row of a scanner, in whose plane all poses lie."""
+        return isinstance(self.projection, LaserRow)
+
+    @property
     def points(self) -> npt.NDArray[np.float32]:
         """(n, 3) float32 points within reach, metres, sensor frame."""
         points = self.projection.points(self.ranges_m).reshape(-1, 3)
@@ -51,7 +56,7 @@ class DepthView:
         from depthprint.verification.surface_weights import row_weights
         from depthprint.verification.view_surface import surface_of
 
-        if isinstance(self.projection, LaserRow):
+        if self.planar:
             return read_only(row_weights(self.counted), np.float32)
         return read_only(surface_of(self).weights, np.float32)
 

@@ -81,9 +81,7 @@ def correlation_shares(
 def _turns(grid: _Grid, yaw_rad: float | None, most_rad: float) -> FloatArray:
     """Turns that are tried about one, or all for None."""
     steps = math.ceil((math.pi if yaw_rad is None else most_rad) / grid.yaw_step_rad)
-    return np.asarray(
-        (0.0 if yaw_rad is None else yaw_rad) + grid.yaw_step_rad * np.arange(-steps, steps + 1)
-    )
+    return np.asarray((yaw_rad or 0.0) + grid.yaw_step_rad * np.arange(-steps, steps + 1))
 
 
 def _points_and_shares(view: DepthView) -> tuple[FloatArray, npt.NDArray[np.int64]]:

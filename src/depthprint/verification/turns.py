@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.projection import LaserRow, Projection
+from depthprint.projection import Projection
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.verdict import Verification
 
@@ -63,7 +63,7 @@ def turn_between(first: DepthView, second: DepthView, found: Verification, trust
     says = _told(found) > _LEAST_TOLD and abs(turn_rad) < _MOST_TURN_RAD
     if says and trusted and found.agreement > 0:
         return Turn(turn_rad, _TRUSTED_RAD**2)
-    by_walls = turn_by_walls(first, second) if isinstance(second.projection, LaserRow) else None
+    by_walls = turn_by_walls(first, second) if second.planar else None
     if by_walls is not None:
         return Turn(by_walls, _BY_WALLS_RAD**2)
     return Turn(turn_rad, _DOUBTED_RAD**2) if says else Turn(0.0, _UNKNOWN_RAD**2)

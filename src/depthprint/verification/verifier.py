@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError, SettingsError
-from depthprint.projection import LaserRow
 from depthprint.verification.agreement import best_starts, coarse_overlaps, mutual_agreement
 from depthprint.verification.cloud_alignment import CloudAligner
 from depthprint.verification.depth_view import DepthView
@@ -100,7 +99,7 @@ class GeometricVerifier:
         """
         _require_one_kind(query, match)
         settings = match.settings
-        if settings.whole_clouds and not isinstance(match.projection, LaserRow):
+        if settings.whole_clouds and not match.planar:
             self._whole_clouds()  # what it lacks is said at once, not at the first pair that needs it
         enough = settings.min_overlap_seconded if seconded else settings.min_overlap
         given = [self._glance(query, match, np.asarray(start, dtype=np.float64), True) for start in starts]
@@ -138,7 +137,7 @@ class GeometricVerifier:
     def _finished(self, query: DepthView, match: DepthView, glance: _Glance, seconded: bool) -> Verification:
         """Judge the best pose of the search; one that came near is refined on more points first."""
         origin = "given pose" if glance.given else "coarse search"
-        if isinstance(query.projection, LaserRow):
+        if query.planar:
             return self._judge(query, match, glance.pose, origin, seconded)
         settings = match.settings
         enough = settings.min_overlap_seconded
@@ -182,7 +181,7 @@ class GeometricVerifier:
         self, query: DepthView, match: DepthView, yaw_rad: float | None
     ) -> tuple[FloatArray, FloatArray]:
         """Poses (k, 4, 4) to align from, the best first, and their overlaps (k,)."""
-        if isinstance(query.projection, LaserRow):
+        if query.planar:
             poses = correlated_starts(query, match, yaw_rad)
             return poses, coarse_overlaps(query, match, poses)
         grid = self._grid(query, yaw_rad)
@@ -197,7 +196,7 @@ class GeometricVerifier:
         return grid if yaw_rad == 0.0 else np.asarray(grid @ yaw_pose(yaw_rad, query.projection))
 
     def _aligner(self, view: DepthView) -> ProjectiveAligner | ScanAligner:
-        return self._scans if isinstance(view.projection, LaserRow) else self._quick
+        return self._scans if view.planar else self._quick
 
     def _whole_clouds(self) -> CloudAligner:
         if self._clouds is None:
@@ -236,7 +235,7 @@ class GeometricVerifier:
 
 def _certainty(found: _Glance | Verification, match: DepthView) -> float:
     """How much views agree, of which the walls of a corridor in a planar scan say little."""
-    return found.agreement if isinstance(match.projection, LaserRow) else found.overlap
+    return found.agreement if match.planar else found.overlap
 
 
 def _falls_short(glance: _Glance, settings: VerificationSettings, gain: float) -> bool:
@@ -245,7 +244,7 @@ def _falls_short(glance: _Glance, settings: VerificationSettings, gain: float) -
 
 
 def _require_one_kind(query: DepthView, match: DepthView) -> None:
-    if isinstance(query.projection, LaserRow) != isinstance(match.projection, LaserRow):
+    if query.planar != match.planar:
         raise DataError(
             "verify: expected two views of one kind of sensor, got "
             f"{type(query.projection).__name__} and {type(match.projection).__name__}"
