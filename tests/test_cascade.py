@@ -299,6 +299,46 @@ def test_climbing_asks_again_for_a_neighbour_that_the_search_refused():
     assert best.verification.accepted
 
 
+class FirstAlone(GeometricVerifier):
+    """Of one query's checks all fail but that against the first place."""
+
+    def __init__(self, query, first):
+        super().__init__()
+        self.query, self.first = query, first
+
+    def verify(self, query, match, **options):
+        found = super().verify(query, match, **options)
+        return replace(found, accepted=False, agreement=0.0) if self.fails(query, match) else found
+
+    def fails(self, query, match):
+        return query is self.query and match is not self.first
+
+
+@pytest.mark.parametrize("within_m", [0.5, math.inf])
+def test_a_match_seen_from_afar_is_named_after_the_place_that_motion_puts_nearest(within_m):
+    def described(x):
+        view = make_depth_view(row_at(4, x))
+        settings = replace(view.settings, named_within_m=within_m, min_agreement=0.1)
+        return VerifiedDescription(x, replace(view, settings=settings))
+
+    places, query = [described(0.6 * i) for i in range(4)], described(2.0)
+    verifier = FirstAlone(query.view, places[0].view)
+    recognizer = VerifiedRecognizer(
+        Listed([0.1, 0.2, 0.3, 0.4]), k=4, spread=1, track=True, verifier=verifier
+    )
+    for place in places:
+        recognizer.add(place)
+    found = recognizer.query(query, k=4)
+    named = found[0].verification
+    assert named.accepted
+    assert found[0].place == (3 if math.isfinite(within_m) else 0)
+    assert named.offset_m == pytest.approx(abs(2.0 - 0.6 * found[0].place), abs=0.1)
+    assert ("found beside place 0" in named.reason) == math.isfinite(within_m)
+    assert len({match.place for match in found}) == len(found)
+    # Of fewer places the nearest of these is named.
+    assert recognizer.query(query, k=4, limit=2)[0].place == (1 if math.isfinite(within_m) else 0)
+
+
 def test_neighbouring_frames_second_a_place_that_nobody_proposes():
     distances = [0.1] + [9.0] * (PLACES - 1)
     outcomes = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import GeometricVerifier, make_depth_view
+from depthprint.verification.starts import yaw_pose
 from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
 from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
@@ -95,6 +97,20 @@ def test_two_places_mean_one_spot_where_motion_leads_from_pose_to_pose():
     evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
     latest = 9
     assert evidence.one_spot(settings, 0, at[0], latest, np.eye(4)) is None
+
+
+def test_the_nearest_place_to_a_pose_is_among_those_turned_alike_that_motion_joins():
+    evidence = drive_twice(4, believed_at=3)
+    view = make_depth_view(frame(0.0))
+    here = STEP_M * 1.8
+    place, pose = evidence.nearest_place(view, 0, true_pose(0.0, here), 4, math.pi)
+    assert place == 2
+    np.testing.assert_allclose(pose, true_pose(STEP_M * 2, here), atol=0.1)
+    assert evidence.nearest_place(view, 0, true_pose(0.0, here), 2, math.pi)[0] == 1
+    turned = true_pose(0.0, here) @ yaw_pose(math.radians(50), view.projection)
+    place, pose = evidence.nearest_place(view, 0, turned, 4, math.radians(45))
+    assert place == 0
+    np.testing.assert_array_equal(pose, turned)
 
 
 def test_old_hypotheses_are_forgotten():

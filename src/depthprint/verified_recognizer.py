@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -53,7 +53,8 @@ class VerifiedRecognizer:
     correlated: the best so many proposals of planar scans, as far apart, are laid over the query, and those that
         correlate best with it come first among those checked. 0 turns it off.
     columns_full_circle: columns of the inner method's shift that make a full turn, where it has one that matters.
-    climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named.
+    climb: neighbours in time of an accepted place are checked too, and the one seen from nearest is named; with
+        ``track``, where none is near, the one that motion puts nearest, on the check of the accepted place.
     track: follow the motion from frame to frame by depth alone. Places that it says are in view are checked first; a
     place where it leads from those of earlier frames needs less agreement, and has their evidence too.
     heading: with ``track``, matches against the heading carried along count for less, and are checked last.
@@ -153,7 +154,8 @@ class VerifiedRecognizer:
         if self._climb and checks.best is not None:
             self._climb_from(checks, description, stored)
         self._last = description, checks.hypotheses()
-        return checks.ranked()[:k]
+        matches = checks.ranked()
+        return (self._named(matches, view, stored) if self._climb else matches)[:k]
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
         """As a place's in ``query``, by what this pair alone says: no earlier frame is asked."""
@@ -264,6 +266,25 @@ class VerifiedRecognizer:
                     pose = self._moved(checks.found[best].T_match_query, best, place)
                     self._check(checks, description, place, 0.0, (pose,), False)
                     led.add(place)
+
+    def _named(self, matches: list[PlaceMatch], view: DepthView, stored: int) -> list[PlaceMatch]:
+        """The same, where a match seen from afar is named after the place that motion puts nearest to it."""
+        best = matches[0]
+        found = best.verification
+        if self._evidence is None or found is None or not found.accepted:
+            return matches
+        if found.offset_m <= view.settings.named_within_m:
+            return matches
+        most_turn_rad = math.pi if view.projection.horizontal_fov_rad > _FULL_CIRCLE_RAD else _MOST_TURN_RAD
+        place, pose = self._evidence.nearest_place(
+            view, best.place, found.T_match_query, stored, most_turn_rad
+        )
+        if place == best.place:
+            return matches
+        reason = f"{found.reason}; found beside place {best.place}"
+        beside = replace(found, T_match_query=pose, reason=reason)
+        named = replace(best, place=place, shift=None, verification=beside)
+        return [named, *(match for match in matches[1:] if match.place != place)]
 
     def _moved(
         self, T_match_query: npt.NDArray[np.float64], match: int, place: int

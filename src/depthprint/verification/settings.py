@@ -12,7 +12,15 @@ from depthprint.range_image import RangeImage
 __all__ = ["VerificationSettings", "settings_for"]
 
 
-_LENGTHS = ("reach_m", "voxel_m", "max_pairing_m", "max_offset_m", "witness_m", "agreeing_m")
+_LENGTHS = (
+    "reach_m",
+    "voxel_m",
+    "max_pairing_m",
+    "max_offset_m",
+    "named_within_m",
+    "witness_m",
+    "agreeing_m",
+)
 _SHARES = (
     "coarse_overlap",
     "min_overlap",
@@ -37,6 +45,8 @@ class VerificationSettings:
         the difference of two of them, pose and all, in the same form; None where agreement is by tolerance alone.
     offset_weight: share of its agreement that a place loses, when one is to be named, at max_offset_m; at 1 the
         place that motion says is nearest is checked first.
+    named_within_m: a match seen from further away is named after the place that odometry puts nearest to it, whether
+        or not that view agrees enough.
     ground_clearance_m: where the sensor's height is known, points lower than this above the ground are not
         counted, since the ground of any two streets agrees.
     forward_m, sideways_m, yaw_rad, pitch_rad: offsets of the query from the match that the coarse search tries; for
@@ -77,6 +87,7 @@ class VerificationSettings:
     max_pairing_m: float = 1.5
     max_offset_m: float = 8.0
     offset_weight: float = 0.5
+    named_within_m: float = math.inf
     min_points: int = 50
     min_overlap: float = 0.45
     min_overlap_seconded: float = 0.35
@@ -122,6 +133,7 @@ def _degrees(*angles: float) -> tuple[float, ...]:
 _CAMERA = VerificationSettings(
     noise=(0.05, 0.0, 0.0013),
     offset_weight=1.0,
+    named_within_m=3.0,
     min_overlap=0.25,
     min_overlap_seconded=0.25,
     max_free_space_share=0.6,
@@ -168,6 +180,7 @@ _HAND_HELD = VerificationSettings(
 _ROW = replace(
     _SPINNING,
     reach_m=50.0,
+    named_within_m=math.inf,
     max_pairing_m=0.3,
     min_points=30,
     voxel_m=0.1,

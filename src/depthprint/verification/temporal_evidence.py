@@ -154,6 +154,20 @@ class TemporalEvidence:
         """T_first_second (4, 4) of two frames by odometry, or None where it broke between them."""
         return self._odometry.relative_pose(first, second)
 
+    def nearest_place(
+        self, view: DepthView, place: int, T_place_view: FloatArray, stored: int, most_turn_rad: float
+    ) -> tuple[int, FloatArray]:
+        """Of the places below ``stored`` that odometry joins to one, the nearest to a pose in it, and the pose there.
+
+        Among those turned by at most ``most_turn_rad``; the place itself where there is none.
+        """
+        places, poses = self._odometry.places_near(place, T_place_view, stored, view.settings.max_offset_m)
+        turned_alike = rotation_angle(poses) <= most_turn_rad
+        if not turned_alike.any():
+            return place, T_place_view
+        nearest = int(np.argmin(np.where(turned_alike, np.linalg.norm(poses[:, :3, 3], axis=1), np.inf)))
+        return int(places[nearest]), poses[nearest]
+
     def one_spot(
         self,
         settings: VerificationSettings,
