@@ -8,7 +8,7 @@ import pytest
 from depthprint.checked_places import CheckedPlaces
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import Verification
-from depthprint.verification.temporal_evidence import EarlierFrames
+from depthprint.verification.hypotheses import OtherFrames
 
 
 def accepted(agreement: float, offset_m: float) -> Verification:
@@ -33,7 +33,7 @@ def accepted(agreement: float, offset_m: float) -> Verification:
 def checks_of(*found: tuple[int, Verification, float]) -> CheckedPlaces:
     checks = CheckedPlaces([PlaceMatch(place, 0.5) for place, _, _ in found], spread=4)
     for place, verification, support in found:
-        checks.add(place, verification, EarlierFrames(support), plausible=True)
+        checks.add(place, verification, OtherFrames(support), plausible=True)
     return checks
 
 
@@ -57,7 +57,7 @@ def test_a_view_beside_it_that_would_put_the_query_elsewhere_is_not_named():
     for told, slips, named in ((None, True, 66), (elsewhere, False, 66), (elsewhere, True, 63)):
         checks = CheckedPlaces([PlaceMatch(63, 0.5), PlaceMatch(66, 0.5)], 4, told, slips)
         for place, found, support in (right, slipped):
-            checks.add(place, found, EarlierFrames(support), plausible=True)
+            checks.add(place, found, OtherFrames(support), plausible=True)
         assert checks.best == named
         assert checks.ranked()[0].place == named
     assert (63, 1.0, 66, 0.0) in asked
@@ -67,8 +67,8 @@ def test_a_view_beside_it_that_would_put_the_query_elsewhere_is_not_named():
 def test_a_nearer_view_many_frames_on_is_named_where_it_means_the_same_spot(told, named):
     """A vehicle that turns slowly has many frames of one bend; the view that agrees most is not the nearest."""
     checks = CheckedPlaces([PlaceMatch(63, 0.5), PlaceMatch(80, 0.5)], 4, lambda *_: told)
-    checks.add(63, accepted(0.7, 5.0), EarlierFrames(0.6), plausible=True)
-    checks.add(80, accepted(0.45, 0.2), EarlierFrames(0.5), plausible=True)
+    checks.add(63, accepted(0.7, 5.0), OtherFrames(0.6), plausible=True)
+    checks.add(80, accepted(0.45, 0.2), OtherFrames(0.5), plausible=True)
     assert checks.ranked()[0].place == named
 
 
@@ -82,6 +82,6 @@ def test_a_match_that_the_way_does_not_bear_out_is_less_sure():
     told = {}
     for evidence in (0.0, 2.0):
         checks = CheckedPlaces([PlaceMatch(63, 0.5)], spread=4)
-        checks.add(63, accepted(0.5, 2.0), EarlierFrames(0.5, evidence, frames=4), plausible=True)
+        checks.add(63, accepted(0.5, 2.0), OtherFrames(0.5, evidence, frames=4), plausible=True)
         told[evidence] = checks.ranked()[0].distance
     assert alone < told[2.0] < told[0.0] < 1.0

@@ -92,6 +92,18 @@ class NeverSure(Nearest):
         return []
 
 
+class SureLater(NeverSure):
+    """Finds no place before three more frames are known."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[tuple[int, int]] = []
+
+    def reconsider(self, number, k=1):
+        self.asked.append((number, len(self.places)))
+        return Nearest.query(self, self.places[number], k, number - GAP)
+
+
 def two_laps() -> RangeSequence:
     """Two laps of 20 stops each, 10 m apart, along one line."""
     laser = LaserRow(2, 0.0, 0.1)
@@ -128,6 +140,27 @@ def test_method_that_never_matches_finds_nothing():
     assert all(r.match == -1 for r in result.records)
     _, rows = loop_records(result)
     assert rows[0][1] is None
+
+
+def test_methods_that_can_answer_again_later_have_a_row_of_that_too():
+    method = SureLater()
+    evaluation = evaluate_loops(two_laps(), {"late": method, "nearest": Nearest()}, resamples=5, delay=3)
+    assert [m.name for m in evaluation] == ["late", "late-delay-3", "nearest"]
+    at_once, later, _ = evaluation
+    assert at_once.metrics.recall_at_1 == 0.0
+    assert later.metrics.recall_at_100_precision == 1.0
+    assert [r.query for r in later.records] == [r.query for r in at_once.records]
+    # Three frames on, and at the end whatever there is.
+    assert method.asked == [(i, min(i + 4, N)) for i in range(GAP + 1, N)]
+    methods = loop_report(evaluation, {})["methods"]
+    assert {name: figures.get("delay") for name, figures in methods.items()} == {
+        "late": None,
+        "late-delay-3": 3,
+        "nearest": None,
+    }
+    assert later.query_ms >= at_once.query_ms
+    with pytest.raises(SettingsError, match="delay >= 0, got -1"):
+        evaluate_loops(two_laps(), {"nearest": Nearest()}, delay=-1)
 
 
 @pytest.mark.parametrize(

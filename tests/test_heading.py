@@ -16,8 +16,9 @@ from depthprint.simulation.ray_casting import RayScene
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.depth_odometry import DepthOdometry
 from depthprint.verification.heading import HeadingTrack
+from depthprint.verification.hypotheses import Hypothesis
 from depthprint.verification.starts import yaw_pose
-from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.temporal_evidence import TemporalEvidence
 from depthprint.verification.turns import Turn, turn_by_walls, turn_of
 from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told

@@ -210,6 +210,32 @@ def test_misbehaving_recognisers_are_caught():
         LoopClosureDetector(occupied, threshold=1.0).add(frame(1.0))
 
 
+class Hindsight(MeanRange):
+    """Proposes nothing near until the frame is reconsidered."""
+
+    def query(self, description, k=1, limit=None):
+        return [PlaceMatch(0, 99.0)]
+
+    def reconsider(self, number, k=1):
+        return super().query(self.stored[number], k, limit=number - 2)
+
+
+def test_a_frame_is_answered_again_by_what_is_known_since():
+    detector = LoopClosureDetector(Hindsight(), exclusion_gap=2, threshold=0.5)
+    at_once = [detector.process(frame(v)) for v in (1, 5, 9, 13, 5.25)][-1]
+    assert at_once.status == LoopStatus.ABOVE_THRESHOLD
+    later = detector.reconsider(4)
+    assert (later.query, later.match, later.status) == (4, 1, LoopStatus.ACCEPTED)
+    assert (later.candidates, later.distance) == (at_once.candidates, 0.25)
+    assert detector.reconsider(1).status == LoopStatus.TOO_FEW_PLACES
+    assert len(detector) == 5
+    for number in (-1, 5):
+        with pytest.raises(SettingsError, match=f"0 to 4, got {number}"):
+            detector.reconsider(number)
+    with pytest.raises(SettingsError, match="MeanRange cannot answer"):
+        LoopClosureDetector(MeanRange(), threshold=1.0).reconsider(0)
+
+
 def test_ambiguous_match_names_its_rival():
     detector = LoopClosureDetector(
         MeanRange(), exclusion_gap=0, threshold=0.5, ambiguity=0.5, neighbourhood=1

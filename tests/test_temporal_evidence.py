@@ -10,8 +10,9 @@ import pytest
 
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import GeometricVerifier, make_depth_view
+from depthprint.verification.hypotheses import Hypothesis
 from depthprint.verification.starts import yaw_pose
-from depthprint.verification.temporal_evidence import Hypothesis, TemporalEvidence
+from depthprint.verification.temporal_evidence import TemporalEvidence
 from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
 from test_depth_odometry import STEP_M, frame, true_pose
@@ -39,20 +40,20 @@ def test_motion_from_a_match_supports_the_pose_it_leads_to():
     evidence = drive_twice(5, believed_at=4)
     query = make_depth_view(frame(-0.5 * STEP_M))
     led_to = true_pose(STEP_M, -0.5 * STEP_M)
-    found = evidence.said_before(query, 1, led_to).support
+    found = evidence.of_next(query).said(1, led_to).support
     assert 0.3 * STRENGTH < found < STRENGTH
-    assert evidence.said_before(query, 2, true_pose(2 * STEP_M, -0.5 * STEP_M)).support == pytest.approx(
+    assert evidence.of_next(query).said(2, true_pose(2 * STEP_M, -0.5 * STEP_M)).support == pytest.approx(
         found, abs=0.05
     )
     aside = led_to.copy()
     aside[1, 3] += 2.0
-    assert evidence.said_before(query, 1, aside).support == 0.0
+    assert evidence.of_next(query).said(1, aside).support == 0.0
 
 
 def test_a_view_from_the_same_spot_is_no_new_witness_but_hands_on_its_own():
     query = make_depth_view(frame(0.01))
     from_here = {
-        support: drive_twice(3, believed_at=0, support=support).said_before(query, 0, np.eye(4)).support
+        support: drive_twice(3, believed_at=0, support=support).of_next(query).said(0, np.eye(4)).support
         for support in (0.0, 0.5)
     }
     assert from_here[0.0] < 0.05
@@ -63,8 +64,8 @@ def test_evidence_does_not_cross_a_break_of_odometry():
     evidence = drive_twice(3, believed_at=0)
     evidence.add(make_depth_view(frame(0.0, world=block_world(8))))
     query = make_depth_view(frame(STEP_M, world=block_world(8)))
-    assert evidence.said_before(query, 0, np.eye(4)).support == 0.0
-    assert evidence.places_in_view(query, [], 3, 2, 1) == {}
+    assert evidence.of_next(query).said(0, np.eye(4)).support == 0.0
+    assert evidence.of_next(query).places_in_view([], 3, 2, 1) == {}
 
 
 def test_frames_of_the_way_that_lead_elsewhere_count_as_having_said_nothing():
@@ -76,13 +77,13 @@ def test_frames_of_the_way_that_lead_elsewhere_count_as_having_said_nothing():
     evidence.add(make_depth_view(frame(STEP_M * 2)), [replace(right, place=0)])
     evidence.add(make_depth_view(frame(STEP_M * 1.5)))
     query = make_depth_view(frame(STEP_M))
-    said = evidence.said_before(query, 1, np.eye(4))
+    said = evidence.of_next(query).said(1, np.eye(4))
     assert said.frames == 2
     assert said.evidence == pytest.approx(0.6)
     assert said.along_way(0.3) == pytest.approx(0.3)
     # A way of which nothing is asked leaves the support alone.
     silent = replace(query, settings=replace(query.settings, way_m=0.0))
-    assert evidence.said_before(silent, 1, np.eye(4)).frames == 0
+    assert evidence.of_next(silent).said(1, np.eye(4)).frames == 0
 
 
 def test_two_places_mean_one_spot_where_motion_leads_from_pose_to_pose():
@@ -118,7 +119,7 @@ def test_old_hypotheses_are_forgotten():
     here = make_depth_view(frame(0.0))
     for _ in range(16):
         evidence.add(here)
-    assert evidence.said_before(here, 0, np.eye(4)).support == 0.0
+    assert evidence.of_next(here).said(0, np.eye(4)).support == 0.0
 
 
 def test_places_in_view_begin_with_the_nearest():
@@ -126,12 +127,12 @@ def test_places_in_view_begin_with_the_nearest():
     query = make_depth_view(frame(1.1 * STEP_M))
     query = replace(query, settings=replace(query.settings, offset_weight=1.0))
     views = [make_depth_view(frame(STEP_M * i)) for i in range(5)]
-    found = evidence.places_in_view(query, views, 5, 2, 2)
+    found = evidence.of_next(query).places_in_view(views, 5, 2, 2)
     assert next(iter(found)) == 1
     np.testing.assert_allclose(found[1], true_pose(STEP_M, 1.1 * STEP_M), atol=0.1)
     assert set(found) <= set(range(5))
     nothing = drive_twice(5, believed_at=3, accepted=False)
-    assert nothing.places_in_view(query, views, 5, 2, 2) == {}
+    assert nothing.of_next(query).places_in_view(views, 5, 2, 2) == {}
 
 
 @pytest.mark.parametrize("driven", [True, False])

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.recognizer import PlaceMatch
-from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis
+from depthprint.verification.hypotheses import Hypothesis, OtherFrames
 from depthprint.verification.verifier import Verification
 
 __all__ = ["CheckedPlaces", "distance_of", "evidence_of"]
@@ -38,7 +38,7 @@ class CheckedPlaces:
         slips: bool = False,
     ) -> None:
         self.found: dict[int, Verification] = {}
-        self._earlier: dict[int, EarlierFrames] = {}
+        self._others: dict[int, OtherFrames] = {}
         self._plausible: set[int] = set()
         self._pool = {match.place: match for match in pool}
         self._spread = spread
@@ -49,15 +49,15 @@ class CheckedPlaces:
         found = self.found.get(place)
         return found is not None and found.accepted
 
-    def add(self, place: int, found: Verification, earlier: EarlierFrames, plausible: bool) -> None:
-        """Take in a check; ``earlier``: what earlier frames say; ``plausible``: it would do for a seconded place.
+    def add(self, place: int, found: Verification, others: OtherFrames, plausible: bool) -> None:
+        """Take in a check; ``others``: what other frames say; ``plausible``: it would do for a seconded place.
 
         Of two checks of one place that which agrees more counts, an accepted one first.
         """
         before = self.found.get(place)
         if before is not None and _rank(before) >= _rank(found):
             return
-        self.found[place], self._earlier[place] = found, earlier
+        self.found[place], self._others[place] = found, others
         if plausible:
             self._plausible.add(place)
 
@@ -87,7 +87,7 @@ class CheckedPlaces:
                 place,
                 self.found[place].T_match_query,
                 self._strength(place),
-                self._earlier[place].support,
+                self._others[place].support,
                 self.found[place].accepted,
                 self._alone(place),
                 self._told(place),
@@ -129,18 +129,18 @@ class CheckedPlaces:
 
     def _told(self, place: int) -> float:
         """Strength, averaged with the evidence along the way where that is asked."""
-        strength, earlier = self._strength(place), self._earlier[place]
-        return 0.5 * (strength + earlier.along_way(self._alone(place))) if earlier.frames else strength
+        strength, others = self._strength(place), self._others[place]
+        return 0.5 * (strength + others.along_way(self._alone(place))) if others.frames else strength
 
     def _alone(self, place: int) -> float:
-        return self._earlier[place].heading * evidence_of(self.found[place], self._inner(place))
+        return self._others[place].heading * evidence_of(self.found[place], self._inner(place))
 
     def _nearness(self, place: int) -> float:
-        return self._earlier[place].heading * self.found[place].nearness
+        return self._others[place].heading * self.found[place].nearness
 
     def _joined(self, place: int, own: float) -> float:
         """Evidence of the view itself and of earlier ones, as if each were the chance of an independent witness."""
-        return 1.0 - (1.0 - own) * (1.0 - self._earlier[place].support)
+        return 1.0 - (1.0 - own) * (1.0 - self._others[place].support)
 
     def _inner(self, place: int) -> float:
         """Inner distance of a place, or of its nearest proposal beside it, or else of the worst proposal."""

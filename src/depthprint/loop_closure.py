@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,12 @@ from depthprint.loop_status import LoopResult, LoopStatus
 from depthprint.loop_threshold import calibrate_threshold, pairs_needed
 from depthprint.place import Place, checked_pose
 from depthprint.range_image import RangeImage
-from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
+from depthprint.recognizer import (
+    PlaceMatch,
+    PlaceRecognizer,
+    ReconsideringRecognizer,
+    StorableRecognizer,
+)
 
 if TYPE_CHECKING:
     from depthprint.place_database import PlaceDatabase
@@ -155,6 +160,24 @@ class LoopClosureDetector:
             self._best_of[result.query] = result.match
         return result
 
+    def reconsider(self, number: int, k: int = 1) -> LoopResult:
+        """Answer for a frame processed a little earlier, by what the frames since say too: later, but surer.
+
+        A road entered from a bend, say, is known by the frames that follow. number: of the frame as a place; the
+        recogniser says how far back it may lie (the detector's: one of the last 16 processed).
+        Raises SettingsError for a recogniser that cannot, or another frame.
+        """
+        recognizer = self.recognizer
+        if not isinstance(recognizer, ReconsideringRecognizer):
+            raise SettingsError(
+                f"LoopClosureDetector: a {type(recognizer).__name__} cannot answer for an earlier frame again"
+            )
+        if not 0 <= number < len(self._places):
+            raise SettingsError(
+                f"LoopClosureDetector: expected the number of a place, 0 to {len(self._places) - 1}, got {number}"
+            )
+        return self._answer(number, k, lambda asked, _: recognizer.reconsider(number, asked))
+
     def _describe(self, image: RangeImage) -> Any:
         frame = f"frame {len(self._places)}"
         if not isinstance(image, RangeImage):
@@ -165,9 +188,15 @@ class LoopClosureDetector:
         return self.recognizer.describe(image)
 
     def _query(self, description: Any, k: int) -> LoopResult:
+        return self._answer(
+            len(self._places),
+            k,
+            lambda asked, candidates: self.recognizer.query(description, asked, limit=candidates),
+        )
+
+    def _answer(self, number: int, k: int, ask: Callable[[int, int], list[PlaceMatch]]) -> LoopResult:
         if k < 1:
             raise SettingsError(f"LoopClosureDetector: expected k >= 1, got {k}")
-        number = len(self._places)
         candidates = max(0, number - self.exclusion_gap)
         threshold = self.threshold
 
@@ -189,7 +218,7 @@ class LoopClosureDetector:
             return result(LoopStatus.TOO_FEW_PLACES)
         # Whether a match is ambiguous shows only beside other proposals.
         asked = k if self.ambiguity is None else max(k, _PROPOSALS)
-        matches = tuple(self.recognizer.query(description, asked, limit=candidates))
+        matches = tuple(ask(asked, candidates))
         if not matches:
             return result(LoopStatus.NO_MATCH)
         for match in matches:

@@ -13,7 +13,7 @@ from depthprint.range_image import RangeImage
 if TYPE_CHECKING:
     from depthprint.verification.verifier import Verification
 
-__all__ = ["PlaceMatch", "PlaceRecognizer", "StorableRecognizer"]
+__all__ = ["PlaceMatch", "PlaceRecognizer", "ReconsideringRecognizer", "StorableRecognizer"]
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,14 @@ class PlaceRecognizer(Protocol):
 
     def distance(self, first: Any, second: Any) -> float:
         """Distance of two descriptions: what ``query`` minimises, unless it weighs the whole map or earlier frames."""
+
+
+@runtime_checkable
+class ReconsideringRecognizer(PlaceRecognizer, Protocol):
+    """A PlaceRecognizer that can answer for one of the last frames again, once it knows what came after it."""
+
+    def reconsider(self, number: int, k: int = 1) -> list[PlaceMatch]:
+        """Nearest stored places, below the query's limit, of a frame that was queried and added as place ``number``."""
 
 
 @runtime_checkable

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.checked_places import CheckedPlaces, distance_of
+from depthprint.checked_places import distance_of
+from depthprint.checked_query import MOST_TURN_RAD, CheckedQuery
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
 from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view
-from depthprint.verification.temporal_evidence import EarlierFrames, Hypothesis, TemporalEvidence
-from depthprint.verification.verifier import GeometricVerifier, judged
+from depthprint.verification.hypotheses import Hypothesis
+from depthprint.verification.temporal_evidence import TemporalEvidence
+from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_arrays import pack_view, unpack_view
 from depthprint.verification.view_cache import ViewCache
 
-__all__ = ["VerifiedDescription", "VerifiedRecognizer"]
+__all__ = ["RECONSIDERED", "VerifiedDescription", "VerifiedRecognizer"]
 
 _STEPS = (0, 1, -1)
 _PLACES_TRACKED = 3
-_MOST_TURN_RAD = math.radians(45)
-_FULL_CIRCLE_RAD = 2 * math.pi - 1e-3
+# Frames that are kept to be asked again.
+RECONSIDERED = 16
 # A heading allows a place whose match would keep so much of its evidence.
 _ALLOWED_SHARE = 0.5
 
@@ -96,14 +96,15 @@ class VerifiedRecognizer:
         self._make_view = make_depth_view if views is None else views
         self._views: list[DepthView] = []
         self._links: dict[int, Hypothesis] = {}
-        self._last: tuple[VerifiedDescription, tuple[Hypothesis, ...]] | None = None
+        self._last: tuple[VerifiedDescription, CheckedQuery | None] | None = None
+        self._asked: dict[int, CheckedQuery | None] = {}
         self._track, self._heading, self._further = track, heading, further
         self._evidence = self._no_evidence()
 
     def fit(self, images: Sequence[RangeImage]) -> VerifiedRecognizer:
         """Let the inner method learn, and forget all places."""
         self.inner.fit(images)
-        self._views, self._links, self._last = [], {}, None
+        self._views, self._links, self._last, self._asked = [], {}, None, {}
         self._evidence = self._no_evidence()
         return self
 
@@ -117,11 +118,13 @@ class VerifiedRecognizer:
         self._views.append(description.view)
         hypotheses: tuple[Hypothesis, ...] | None = None
         if self._last is not None and self._last[0] is description:
-            hypotheses = self._last[1]
+            query = self._asked[number] = self._last[1]
+            hypotheses = () if query is None else query.checks.hypotheses()
             if hypotheses and hypotheses[0].accepted:
                 self._links[number] = hypotheses[0]
         if self._evidence is not None:
             self._evidence.add(description.view, hypotheses)
+        self._asked.pop(number - RECONSIDERED, None)
         self._last = None
         return number
 
@@ -130,32 +133,54 @@ class VerifiedRecognizer:
     ) -> list[PlaceMatch]:
         """Best places: accepted ones by their evidence, then the others by the inner distance."""
         pool = self.inner.query(description.inner, max(k, self._pool), limit)
-        self._last = None
+        self._last = description, None
         if not pool:
             return []
         stored = len(self._views) if limit is None else min(limit, len(self._views))
         view = description.view
-        checks = CheckedPlaces(pool, self._spread, self._one_spot(view), slips=view.planar)
-        for place, pose in self._expected(view, stored).items():
-            if checks.certain:
-                break
-            self._check(checks, description, place, 0.0, (pose,), True)
+        query = CheckedQuery(view, pool, self._spread, self._views, stored, self._verifier, self._evidence)
+        checks = query.checks
+        if self._evidence is None:
+            self._check_neighbours(query)
+        query.check_expected(_PLACES_TRACKED)
         promising = [] if checks.certain else self._promising(pool, view)
         for match in spread_in_time(promising, self._k, self._spread):
             if checks.certain:
                 break
             if match.place not in checks.found:
-                self._check(checks, description, match.place, self._yaw(match, view), (), False)
+                query.check(match.place, self._yaw(match, view))
         if checks.best is None and self._further is not None:
             for match in self._further(description.inner, limit=limit):
                 yaw = -(match.shift or 0.0) * view.projection.horizontal_fov_rad
-                if match.place not in checks.found and abs(yaw) <= _MOST_TURN_RAD:
-                    self._check(checks, description, match.place, yaw, (), False)
-        if self._climb and checks.best is not None:
-            self._climb_from(checks, description, stored)
-        self._last = description, checks.hypotheses()
-        matches = checks.ranked()
-        return (self._named(matches, view, stored) if self._climb else matches)[:k]
+                if match.place not in checks.found and abs(yaw) <= MOST_TURN_RAD:
+                    query.check(match.place, yaw)
+        self._last = description, query
+        return self._answer(query)[:k]
+
+    def reconsider(self, number: int, k: int = 1) -> list[PlaceMatch]:
+        """Best places of a frame that was queried and then added, by what the frames since say too.
+
+        As the query said without ``track``. Raises SettingsError for a frame that is not one of the last 16 or was not
+        queried.
+        """
+        if number not in self._asked:
+            raise SettingsError(
+                f"reconsider: expected one of the last {RECONSIDERED} frames, queried and then added, "
+                f"got frame {number}"
+            )
+        query = self._asked[number]
+        if query is None:
+            return []
+        if self._evidence is not None:
+            query = query.again(self._evidence.of(number, query.view))
+            query.check_expected(_PLACES_TRACKED)
+        return self._answer(query)[:k]
+
+    def _answer(self, query: CheckedQuery) -> list[PlaceMatch]:
+        if not self._climb:
+            return query.checks.ranked()
+        query.climb()
+        return query.named_by_motion()
 
     def distance(self, first: VerifiedDescription, second: VerifiedDescription) -> float:
         """As a place's in ``query``, by what this pair alone says: no earlier frame is asked."""
@@ -185,33 +210,6 @@ class VerifiedRecognizer:
             raise SettingsError(f"the places of a {type(self.inner).__name__} cannot be kept in a database")
         return self.inner
 
-    def _check(
-        self,
-        checks: CheckedPlaces,
-        description: VerifiedDescription,
-        place: int,
-        yaw_rad: float | None,
-        starts: Sequence[npt.NDArray[np.float64]],
-        seconded: bool,
-    ) -> None:
-        view, stored = description.view, self._views[place]
-        found = self._verifier.verify(view, stored, yaw_rad=yaw_rad, starts=starts, seconded=seconded)
-        if self._evidence is None:
-            checks.add(place, found, EarlierFrames(), found.accepted)
-            return
-        plausible = judged(found, stored.settings, seconded=True)
-        earlier = EarlierFrames()
-        if plausible.accepted:
-            earlier = self._evidence.said_before(view, place, found.T_match_query)
-        found = judged(found, stored.settings, seconded=earlier.support > stored.settings.min_support)
-        checks.add(place, found, earlier, plausible.accepted)
-
-    def _one_spot(self, view: DepthView) -> Callable[..., bool | None] | None:
-        # A camera held in the hand sees other things from one spot.
-        if self._evidence is None or not view.settings.upright:
-            return None
-        return partial(self._evidence.one_spot, view.settings)
-
     def _promising(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals in the order in which they are to be checked: as proposed, or by what costs less than a check."""
         if self._correlated and view.planar:
@@ -225,70 +223,27 @@ class VerifiedRecognizer:
 
     def _headed(self, pool: Sequence[PlaceMatch], view: DepthView) -> Sequence[PlaceMatch]:
         """Proposals that the heading allows first; a full circle is seen alike under all headings."""
-        if self._evidence is None or view.projection.horizontal_fov_rad > _FULL_CIRCLE_RAD:
+        if self._evidence is None or view.full_circle:
             return pool
         share = self._evidence.heading_share
-        return sorted(pool, key=lambda m: share(view, m.place, slack_rad=_MOST_TURN_RAD) < _ALLOWED_SHARE)
+        return sorted(pool, key=lambda m: share(view, m.place, slack_rad=MOST_TURN_RAD) < _ALLOWED_SHARE)
 
     def _yaw(self, match: PlaceMatch, view: DepthView) -> float | None:
         """Turn of the query's points that the inner method's shift means; None where it has none."""
-        if view.projection.horizontal_fov_rad <= _FULL_CIRCLE_RAD:
+        if not view.full_circle:
             return 0.0
         if self._columns is None or match.shift is None:
             return None
         return turn_of_shift(match.shift, self._columns)
 
-    def _expected(self, view: DepthView, stored: int) -> dict[int, npt.NDArray[np.float64]]:
-        """Places to check before any proposal, with poses to start from."""
-        if self._evidence is not None:
-            return self._evidence.places_in_view(view, self._views, stored, _PLACES_TRACKED, self._spread)
-        places: dict[int, npt.NDArray[np.float64]] = {}
+    def _check_neighbours(self, query: CheckedQuery) -> None:
+        """Check places next to those of the last frames, where the motion is not followed."""
         latest = len(self._views) - 1
         for number in range(latest, max(-1, latest - self._consistency), -1):
             link = self._links.get(number)
-            if link is not None:
-                for step in _STEPS:
-                    if 0 <= link.place + step < stored:
-                        places.setdefault(link.place + step, link.T_match_query)
-                break
-        return places
-
-    def _climb_from(self, checks: CheckedPlaces, description: VerifiedDescription, stored: int) -> None:
-        """Check neighbours in time of the best place while the overlap grows, in shrinking steps."""
-        led: set[int] = set()
-        for step in (4, 2, 1):
-            best = checks.best
-            if best is None or checks.certain:
-                break
-            for place in (best - step, best + step):
-                if 0 <= place < stored and place not in led and not checks.accepted(place):
-                    # A search from nowhere may have refused it before: this pose is better than any of its starts.
-                    pose = self._moved(checks.found[best].T_match_query, best, place)
-                    self._check(checks, description, place, 0.0, (pose,), False)
-                    led.add(place)
-
-    def _named(self, matches: list[PlaceMatch], view: DepthView, stored: int) -> list[PlaceMatch]:
-        """The same, where a match seen from afar is named after the place that motion puts nearest to it."""
-        best = matches[0]
-        found = best.verification
-        if self._evidence is None or found is None or not found.accepted:
-            return matches
-        if found.offset_m <= view.settings.named_within_m:
-            return matches
-        most_turn_rad = math.pi if view.projection.horizontal_fov_rad > _FULL_CIRCLE_RAD else _MOST_TURN_RAD
-        place, pose = self._evidence.nearest_place(
-            view, best.place, found.T_match_query, stored, most_turn_rad
-        )
-        if place == best.place:
-            return matches
-        reason = f"{found.reason}; found beside place {best.place}"
-        beside = replace(found, T_match_query=pose, reason=reason)
-        named = replace(best, place=place, shift=None, verification=beside)
-        return [named, *(match for match in matches[1:] if match.place != place)]
-
-    def _moved(
-        self, T_match_query: npt.NDArray[np.float64], match: int, place: int
-    ) -> npt.NDArray[np.float64]:
-        """The pose seen from another place, as far as the motion between the two is known."""
-        T_place_match = None if self._evidence is None else self._evidence.relative_pose(place, match)
-        return T_match_query if T_place_match is None else T_place_match @ T_match_query
+            if link is None:
+                continue
+            for place in (link.place + step for step in _STEPS):
+                if 0 <= place < query.stored and not query.checks.certain:
+                    query.check(place, starts=(link.T_match_query,), seconded=True)
+            break

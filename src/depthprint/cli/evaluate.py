@@ -37,6 +37,7 @@ def loops(
     every: o.Every = 1,
     imports: o.Imports = None,
     vocabulary_from: o.VocabularyFrom = None,
+    delay: o.Delay = 0,
 ) -> None:
     """Score methods on the loops of a sequence with poses."""
     from depthprint.runs import DataSource, run_evaluate_loops
@@ -52,6 +53,7 @@ def loops(
             preset=preset,
             model=model,
             gap=gap,
+            delay=delay,
             imports=files,
             vocabulary_from=vocabulary_from,
             seed=seed,

@@ -86,6 +86,16 @@ Gap = Annotated[
     int | None,
     typer.Option("--gap", min=0, metavar="N", help="Frame i is compared with frames j where i - j > N."),
 ]
+Delay = Annotated[
+    int,
+    typer.Option(
+        "--delay",
+        min=0,
+        max=15,
+        metavar="N",
+        help="Second rows of methods that can answer again after N more frames.",
+    ),
+]
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Folder to write.")]
 OutFile = Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="File to write.")]
 Methods = Annotated[str, typer.Option("--methods", metavar="A,B,C", help="Methods, separated by commas.")]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from depthprint.datasets.base import LoopTruth, RangeSequence
-from depthprint.errors import DataError
+from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.ground_truth import TruthMatrix, loop_ground_truth
 from depthprint.evaluation.metrics import (
     Interval,
@@ -23,7 +23,7 @@ from depthprint.evaluation.metrics import (
 )
 from depthprint.evaluation.pose_errors import PoseErrors, match_pose_error, pose_errors
 from depthprint.range_image import RangeImage
-from depthprint.recognizer import PlaceMatch, PlaceRecognizer
+from depthprint.recognizer import PlaceMatch, PlaceRecognizer, ReconsideringRecognizer
 
 __all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "LoopRecord", "MethodLoops", "evaluate_loops", "score_records"]
 
@@ -54,7 +54,7 @@ class MethodLoops:
     """What one method did. ``records`` and ``queries`` hold every frame that had a candidate, in time order.
 
     describe_ms, query_ms: median milliseconds a frame, the latter over frames that had candidates.
-    ms_per_query: median of their sum.
+    ms_per_query: median of their sum. delay: frames after which it answered again, query_ms then being of both answers.
     """
 
     name: str
@@ -65,6 +65,7 @@ class MethodLoops:
     describe_ms: float
     query_ms: float
     ms_per_query: float
+    delay: int = 0
 
     @property
     def pose_errors(self) -> PoseErrors:
@@ -98,16 +99,21 @@ def evaluate_loops(
     *,
     seed: int = 0,
     resamples: int = 1000,
+    delay: int = 0,
     progress: Progress | None = None,
 ) -> LoopEvaluation:
     """Run fitted, empty recognisers over a sequence and score them: describe, query the past, add.
 
     truth: a rule, a matrix already made (of the sequence's length), or None for the sequence's own rule.
-    ``seed`` and ``resamples`` serve the bootstrap intervals. A frame is read once and described once per
-    method. The score of a match is its negated distance.
-    Raises DataError for a truth of another length, a recogniser that is not empty, names a place it must not
-    see yet, or returns a distance that is not finite.
+    ``seed`` and ``resamples`` serve the bootstrap intervals. A frame is read once and described once per method. The
+    score of a match is its negated distance.
+    delay: methods that can answer for a frame again do so when that many have followed it, or the sequence ends, as
+    NAME-delay-N beside NAME.
+    Raises SettingsError for a negative delay, DataError for a truth of another length, a recogniser that is not
+    empty, names a place it must not see yet, or returns a distance that is not finite.
     """
+    if delay < 0:
+        raise SettingsError(f"evaluate_loops: expected delay >= 0, got {delay}")
     n = len(sequence)
     rule = sequence.truth if truth is None else truth
     # reprojecting views takes long enough to be part of the progress; distances do not
@@ -120,7 +126,7 @@ def evaluate_loops(
     matrix = loop_ground_truth(sequence, rule, report_truth) if isinstance(rule, LoopTruth) else rule
     if len(matrix) != n:
         raise DataError(f"{sequence.name}: {n} frames but a truth matrix of {len(matrix)}")
-    runs = [_Run(name, recognizer, matrix, sequence.poses) for name, recognizer in recognizers.items()]
+    runs = [_Run(name, recognizer, matrix, sequence.poses, delay) for name, recognizer in recognizers.items()]
     for frame in range(n):
         image = sequence[frame]
         for run in runs:
@@ -132,7 +138,7 @@ def evaluate_loops(
         simulated=sequence.simulated,
         truth=matrix,
         seed=seed,
-        methods=tuple(run.result(seed, resamples) for run in runs),
+        methods=tuple(result for run in runs for result in run.results(seed, resamples)),
     )
 
 
@@ -145,8 +151,12 @@ class _Run:
         recognizer: PlaceRecognizer,
         truth: TruthMatrix,
         poses: npt.NDArray[np.float64] | None,
+        delay: int,
     ) -> None:
         self.name = name
+        self.delay = delay if isinstance(recognizer, ReconsideringRecognizer) else 0
+        self.later: list[LoopRecord] = []
+        self.reconsider_s: list[float] = []
         self.recognizer = recognizer
         self.truth = truth
         self.poses = poses
@@ -170,6 +180,18 @@ class _Run:
             raise DataError(
                 f"method {self.name!r}: expected frame {frame} to become place {frame}, it became {place}"
             )
+        if self.delay:
+            last = frame == len(self.truth) - 1
+            for number in range(max(0, frame - self.delay), frame + 1 if last else frame - self.delay + 1):
+                self._reconsider(number)
+
+    def _reconsider(self, number: int) -> None:
+        limit = self.truth.candidates(number)
+        if limit and isinstance(self.recognizer, ReconsideringRecognizer):
+            started = time.perf_counter()
+            matches = self.recognizer.reconsider(number)
+            self.reconsider_s.append(time.perf_counter() - started)
+            self.later.append(self._record(number, limit, matches))
 
     def _record(self, frame: int, limit: int, matches: list[PlaceMatch]) -> LoopRecord:
         has_positive = bool(self.has_positive[frame])
@@ -202,16 +224,25 @@ class _Run:
             return None, None
         return match_pose_error(found.T_match_query, self.poses[match.place], self.poses[frame])
 
-    def result(self, seed: int, resamples: int) -> MethodLoops:
-        with_candidates = self.describe_s[len(self.describe_s) - len(self.query_s) :]
+    def results(self, seed: int, resamples: int) -> Iterator[MethodLoops]:
+        yield self._scored(self.name, self.records, self.query_s, seed, resamples)
+        if self.delay:
+            both_s = np.add(self.query_s, self.reconsider_s).tolist()
+            name = f"{self.name}-delay-{self.delay}"
+            yield replace(self._scored(name, self.later, both_s, seed, resamples), delay=self.delay)
+
+    def _scored(
+        self, name: str, records: Sequence[LoopRecord], query_s: list[float], seed: int, resamples: int
+    ) -> MethodLoops:
+        with_candidates = self.describe_s[len(self.describe_s) - len(query_s) :]
         return score_records(
-            self.name,
-            self.records,
+            name,
+            records,
             seed,
             resamples,
             describe_ms=_median_ms(self.describe_s),
-            query_ms=_median_ms(self.query_s),
-            ms_per_query=_median_ms(np.add(with_candidates, self.query_s)),
+            query_ms=_median_ms(query_s),
+            ms_per_query=_median_ms(np.add(with_candidates, query_s)),
         )
 
 

@@ -73,6 +73,7 @@ def loop_report(evaluation: LoopEvaluation, settings: Mapping[str, Any]) -> Repo
             "ms_per_query": method.ms_per_query,
             "ms_describe": method.describe_ms,
             "ms_search": method.query_ms,
+            **({"delay": method.delay} if method.delay else {}),
             **(poses if measured else {}),
             "intervals": {name: list(interval) for name, interval in method.intervals.items()},
             "detections": {

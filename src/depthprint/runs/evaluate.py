@@ -28,6 +28,7 @@ def run_evaluate_loops(
     preset: str | None = None,
     model: Path | None = None,
     gap: int | None = None,
+    delay: int = 0,
     imports: Mapping[str, Path] | None = None,
     vocabulary_from: Path | None = None,
     seed: int = 0,
@@ -35,6 +36,7 @@ def run_evaluate_loops(
 ) -> RunSummary:
     """Score methods on the loops of a recording with poses; one CSV of matches per method.
 
+    delay: methods that can answer for a frame again after so many others get a second row, NAME-delay-N.
     imports: files of matches (query, match, score) that other programs made, by the name to show them under.
     vocabulary_from: another recording, for the methods that learn a vocabulary; the shipped one when None.
     Raises DataError when there are no poses, SettingsError for an unknown method, and as its parts do.
@@ -69,13 +71,14 @@ def run_evaluate_loops(
         "model": None if model is None else str(model),
         "vocabulary_from": None if vocabulary_from is None else str(vocabulary_from),
         "gap": sequence.truth.gap,
+        "delay": delay,
     }
     with RunFolder(out, settings, seed=seed) as run:
         truth = loop_ground_truth(sequence, sequence.truth, stages("ground truth"))
         # other programs' files are read first: a mistake in them should not cost a run
         matches = {name: read_match_file(path, truth) for name, path in files.items()}
         evaluation = evaluate_loops(
-            sequence, recognizers, truth, seed=seed, progress=stages("describe and query")
+            sequence, recognizers, truth, seed=seed, delay=delay, progress=stages("describe and query")
         )
         imported = tuple(score_matches(name, found, truth, seed) for name, found in matches.items())
         evaluation = replace(evaluation, methods=evaluation.methods + imported)

@@ -23,6 +23,7 @@ __all__ = ["DepthView", "make_depth_view", "read_only"]
 Real = TypeVar("Real", bound=np.floating[Any])
 
 _COUNTED_POINTS = 1200
+_FULL_CIRCLE_RAD = 2 * math.pi - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,11 @@ class DepthView:
     def planar(self) -> bool:
         """Whether it is one row of a scanner, in whose plane all poses lie."""
         return isinstance(self.projection, LaserRow)
+
+    @property
+    def full_circle(self) -> bool:
+        """Whether it sees all around, so that it is seen alike under all headings."""
+        return self.projection.horizontal_fov_rad > _FULL_CIRCLE_RAD
 
     @property
     def points(self) -> npt.NDArray[np.float32]:

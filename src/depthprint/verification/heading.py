@@ -17,6 +17,7 @@ _FREE_RAD = math.radians(40.0)
 _LEAST_SHARE = 0.2
 # A match that would keep less does not hold the heading.
 _HOLDING_SHARE = 0.7
+_NO_TURN = Turn(0.0, 0.0)
 
 
 class HeadingTrack:
@@ -40,7 +41,7 @@ class HeadingTrack:
 
     def hold(self, place: int, turn_rad: float) -> None:
         """Take in that the last frame was found turned so far to the left in an earlier one, if that is likely."""
-        if self._share(place, turn_rad, Turn(0.0, 0.0), 0.0) < _HOLDING_SHARE:
+        if self._share(-1, place, turn_rad, _NO_TURN, 0.0) < _HOLDING_SHARE:
             return
         away = math.remainder(self._headings_rad[place] + turn_rad - self._headings_rad[-1], math.tau)
         lost = abs(self._variances[-1] - self._variances[place])
@@ -54,11 +55,15 @@ class HeadingTrack:
         turn_rad: how far to the left of the place the match says that the frame looks. next_turn: from the last frame
         added to the next. slack_rad: that much off is not off.
         """
-        return self._share(place, turn_rad, next_turn, slack_rad) if len(self) else 1.0
+        return self._share(-1, place, turn_rad, next_turn, slack_rad) if len(self) else 1.0
 
-    def _share(self, place: int, turn_rad: float, next_turn: Turn, slack_rad: float) -> float:
-        apart = self._headings_rad[-1] + next_turn.left_rad - self._headings_rad[place] - turn_rad
+    def share_of(self, number: int, place: int, turn_rad: float) -> float:
+        """Share in (0, 1] of its evidence that a match of a frame already added keeps."""
+        return self._share(number, place, turn_rad, _NO_TURN, 0.0)
+
+    def _share(self, number: int, place: int, turn_rad: float, turn: Turn, slack_rad: float) -> float:
+        apart = self._headings_rad[number] + turn.left_rad - self._headings_rad[place] - turn_rad
         off = max(0.0, abs(math.remainder(apart, math.tau)) - _FREE_RAD - slack_rad)
-        lost = abs(self._variances[-1] + next_turn.variance - self._variances[place])
+        lost = abs(self._variances[number] + turn.variance - self._variances[place])
         likely = math.exp(-0.5 * off**2 / (lost + _MATCH_SD_RAD**2))
         return _LEAST_SHARE + (1.0 - _LEAST_SHARE) * likely
