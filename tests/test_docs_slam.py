@@ -23,11 +23,13 @@ def test_the_page_on_slam_runs(
     pytest.importorskip("gtsam")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     names: dict[str, Any] = {}
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
     street = names["street"]
+    assert names["late"].query == len(street) - 6
+    assert names["late"].candidates == len(street) - 6 - 25
     with PlaceDatabase.open("street.db") as database:
         assert len(database) == len(street)
     graph = read_g2o("graph.g2o")
