@@ -96,11 +96,6 @@ def _with_stored(recogniser: TrainedRecogniser, n: int) -> TrainedRecogniser:
     stored = recogniser.stored
     rows = np.arange(n) % len(stored.views)
     views = stored.views.taken(rows)
-    multipliers = recogniser.multipliers
-    if multipliers is not None:
-        copies = np.bincount(rows)[rows][:, None]
-        halves = np.split(multipliers, 2)
-        multipliers = np.concatenate([half[rows] / copies for half in halves]).astype(np.float32)
     return TrainedRecogniser(
         recogniser.encoder,
         replace(
@@ -109,7 +104,6 @@ def _with_stored(recogniser: TrainedRecogniser, n: int) -> TrainedRecogniser:
         _taken(recogniser.view_labels, rows),
         _taken(recogniser.sources, rows),
         recogniser.calibration,
-        multipliers,
     )
 
 

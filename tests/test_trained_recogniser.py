@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from depthprint.class_directions import ClassDirections
+from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 from depthprint.io.archive import read_archive, write_archive
+from depthprint.learned_classes import LearnedClasses
+from depthprint.object_recogniser import SHRINKAGE, FusedRecogniser
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.recogniser_file import FORMAT, FORMAT_VERSION
@@ -109,6 +112,24 @@ def test_the_alignment_of_objects_moves_scores_and_scenes_have_none(recogniser, 
     assert scenes.recognise(crops[0]).classes[0][0] == "a"
 
 
+def test_a_file_holds_what_was_learned_so_that_loading_learns_nothing(recogniser, tmp_path, monkeypatch):
+    path = recogniser.save(tmp_path / "mine")
+    monkeypatch.setattr(LearnedClasses, "fit", None)
+    loaded = TrainedRecogniser.load(path)
+    for name, array in recogniser.learned.parts().items():
+        np.testing.assert_array_equal(loaded.learned.parts()[name], array)
+    assert len(recogniser.learned.joined.scales) == 2
+    header, arrays = read_archive(path, "recogniser", FORMAT, FORMAT_VERSION)
+    for name, broken in (
+        ("class_codes", arrays["class_codes"][:, 1:]),
+        ("neighbour_scales_1", -arrays["neighbour_scales_1"] - 1),
+        ("neighbour_scales_0", arrays["neighbour_scales_0"][1:]),
+    ):
+        write_archive(tmp_path / "broken.npz", header, arrays | {name: broken})
+        with pytest.raises(ModelError, match=r"broken\.npz: expected a whole recogniser file"):
+            TrainedRecogniser.load(tmp_path / "broken.npz")
+
+
 def test_a_damaged_or_another_file_is_refused(recogniser, tmp_path):
     path = recogniser.save(tmp_path / "mine")
     content = path.read_bytes()
@@ -147,14 +168,17 @@ def test_partial_copies_of_the_views_are_learned_from(recogniser):
 @pytest.mark.parametrize("n_queries", [1, 8])
 def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views, n_queries):
     images = [image for _, image in queries(views)][:n_queries]
-    stored, fused = recogniser.stored.views, recogniser._fused
+    stored = recogniser.stored.views
+    fused = FusedRecogniser().fit(stored.compared_with(stored), recogniser.view_labels)
     asked = recogniser.stored.encode_and_describe(recogniser.encoder, images)
     expected = asked.compared_with(stored)
     found = ClassDirections.of(stored, fused).scores(asked)
     np.testing.assert_allclose(found[0], fused._discriminant.scores(expected.kernel), rtol=0, atol=1e-4)
     np.testing.assert_allclose(found[1], expected.machine_kernel @ fused.multipliers, rtol=0, atol=1e-4)
     near = asked.distances_to(stored)
-    np.testing.assert_allclose(fused.joined(*found, near), fused.scores(expected), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        recogniser.learned.scores(asked, near), fused.scores(expected), rtol=0, atol=1e-3
+    )
     # One query is multiplied by a kernel of our own, several by BLAS: both give one minus the greater cosine.
     for distances, sides in zip(
         near, (("straight", "mirrored"), ("surface", "mirrored_surface")), strict=True
@@ -167,12 +191,11 @@ def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views
 def test_class_directions_of_places_have_no_surfaces(views):
     crops = [image for _, image in views[:6]]
     scenes = TrainedRecogniser.fit(load_shipped_encoder("handheld"), crops, ["a"] * 3 + ["b"] * 3)
-    directions = ClassDirections.of(scenes.stored.views, scenes._fused)
+    directions = scenes.learned.directions
     assert directions.surfaces is None
     assert directions.machine is None
-    expected = scenes._fused._discriminant.scores(
-        scenes.stored.views.compared_with(scenes.stored.views).kernel
-    )
+    among = scenes.stored.views.compared_with(scenes.stored.views)
+    expected = KernelDiscriminant(SHRINKAGE).fit(among.kernel, scenes.view_labels).scores(among.kernel)
     scores, machine = directions.scores(scenes.stored.views)
     assert machine is None
     np.testing.assert_allclose(scores, expected, rtol=0, atol=1e-4)

@@ -47,6 +47,7 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
     local_scaling: 0 for none, else m > 0: a distance d(q, t) becomes d / sqrt(s_q s_t), with s the distance
         of a query or stored object to its m-th nearest stored object other than itself (Zelnik-Manor & Perona
         2004, here on the distance itself). It lifts the handicap of objects in sparse regions.
+        ``scales_``: s of the stored objects (n,), None for none.
     metric: only 'precomputed': X holds distances, (n_train, n_train) in ``fit``, (n_query, n_train) later.
 
     A scikit-learn estimator: malformed input raises DataError, which is a ValueError, as it expects; use
@@ -87,6 +88,7 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
         n = len(labels)
         if n == 0:
             raise DataError("NearestComplexityClassifier: expected at least one stored object, got none")
+        self.scales_ = None
         if distances is None:
             if self.local_scaling:
                 raise DataError(
@@ -105,15 +107,33 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
                 f"NearestComplexityClassifier: {n} stored objects are too few for "
                 f"n_neighbors={self.n_neighbors}, local_scaling={self.local_scaling} (n_samples={n})"
             )
-        self.classes_, self._encoded = np.unique(labels, return_inverse=True)
-        self._by_class = np.argsort(self._encoded, kind="stable")
-        self._class_starts = np.searchsorted(self._encoded[self._by_class], np.arange(len(self.classes_)))
-        self._scales = None
+        self._know(labels)
         if self.local_scaling and distances is not None:
             others = distances.copy()
             np.fill_diagonal(others, np.inf)
-            self._scales = _mth_smallest(others, self.local_scaling)
+            self.scales_ = _mth_smallest(others, self.local_scaling)
         return self
+
+    def restore(self, scales: npt.ArrayLike, y: npt.ArrayLike) -> NearestComplexityClassifier:
+        """Take up what ``fit`` learned before: ``scales_`` (n,) and the labels (n,).
+
+        Raises DataError for scales of another number, not finite or negative.
+        """
+        labels, found = np.asarray(y), np.asarray(scales, dtype=np.float64)
+        if found.shape != (len(labels),) or not (np.isfinite(found).all() and (found >= 0).all()):
+            raise DataError(
+                f"NearestComplexityClassifier: expected finite scales >= 0 of {len(labels)} objects, "
+                f"got shape {found.shape}"
+            )
+        self.n_features_in_ = len(labels)
+        self.scales_ = found
+        self._know(labels)
+        return self
+
+    def _know(self, labels: npt.NDArray[Any]) -> None:
+        self.classes_, self._encoded = np.unique(labels, return_inverse=True)
+        self._by_class = np.argsort(self._encoded, kind="stable")
+        self._class_starts = np.searchsorted(self._encoded[self._by_class], np.arange(len(self.classes_)))
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[Any]:
         """Label of each query, (n_query,), from distances X (n_query, n_train)."""
@@ -192,10 +212,10 @@ class NearestComplexityClassifier(ClassifierMixin, BaseEstimator):  # type: igno
                 f"{self.n_features_in_} features as input: the distances to the stored objects, in order"
             )
         _require_non_negative(distances)
-        if self._scales is None:
+        if self.scales_ is None:
             return np.asarray(distances)
         query_scales = _mth_smallest(distances, self.local_scaling)
-        product = np.sqrt(query_scales[:, None] * self._scales[None, :])
+        product = np.sqrt(query_scales[:, None] * self.scales_[None, :])
         # A zero scale means duplicates at distance zero; the smallest positive number keeps 0/0 out.
         return np.asarray(distances / np.maximum(product, np.finfo(np.float64).tiny ** 0.5))
 

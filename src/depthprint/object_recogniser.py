@@ -13,7 +13,7 @@ from depthprint.classification import NearestComplexityClassifier
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 
-__all__ = ["KERNEL_SHARES", "FusedRecogniser", "ViewComparison", "fused_comparison"]
+__all__ = ["KERNEL_SHARES", "FusedRecogniser", "JoinedScores", "ViewComparison", "fused_comparison"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,6 +60,64 @@ def _repeated(kernel: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.tile(kernel, (shape[0] // len(kernel), shape[1] // kernel.shape[1]))
 
 
+@dataclass(frozen=True, eq=False)
+class JoinedScores:
+    """Sum of standardised scores of a discriminant, of a machine, and of the nearest view of each class."""
+
+    nearest: tuple[NearestComplexityClassifier, ...]
+    nearest_share: float = NEAREST_SHARE
+
+    @classmethod
+    def of_distances(
+        cls,
+        distances: Sequence[npt.NDArray[np.floating[Any]]],
+        labels: npt.NDArray[Any],
+        local_scaling: int,
+        nearest_share: float,
+    ) -> JoinedScores:
+        """Learn the scale of each stored view from distances (k n, k n) among them, labels (n,) of the first copies."""
+        m = min(local_scaling, len(labels) - 1)
+        nearest = (
+            NearestComplexityClassifier(local_scaling=m).fit(one, _for_copies(labels, one))
+            for one in distances
+        )
+        return cls(tuple(nearest), nearest_share)
+
+    @classmethod
+    def of_scales(cls, scales: Sequence[FloatArray], labels: npt.NDArray[Any]) -> JoinedScores:
+        """The same from ``scales``, with the shipped local scaling."""
+        m = min(LOCAL_SCALING, len(labels) - 1)
+        nearest = (
+            NearestComplexityClassifier(local_scaling=m).restore(one, _for_copies(labels, one))
+            for one in scales
+        )
+        return cls(tuple(nearest))
+
+    @property
+    def scales(self) -> tuple[FloatArray, ...]:
+        """Scales (k n,) of the stored views, by distance."""
+        return tuple(one.scales_ for one in self.nearest if one.scales_ is not None)
+
+    def of(
+        self,
+        discriminant: FloatArray,
+        machine: FloatArray | None,
+        distances: Sequence[npt.NDArray[np.floating[Any]]],
+    ) -> FloatArray:
+        """Scores (m, c) from those of the discriminant and of the machine, and from distances to the stored views."""
+        if len(distances) != len(self.nearest):
+            raise DataError(
+                f"FusedRecogniser: expected {len(self.nearest)} matrices of distances, got {len(distances)}"
+            )
+        total = standardised(discriminant)
+        if machine is not None:
+            total += standardised(machine)
+        for classifier, to_stored in zip(self.nearest, distances, strict=True):
+            nearest = -classifier.nearest_by_class(to_stored)
+            total += self.nearest_share / len(self.nearest) * standardised(nearest)
+        return total
+
+
 class FusedRecogniser:
     """Sum of standardised scores: a kernel discriminant, a support vector machine, and the nearest view of each class.
 
@@ -77,7 +135,7 @@ class FusedRecogniser:
         self.nearest_share = nearest_share
         self._discriminant = KernelDiscriminant(shrinkage)
         self._local_scaling = local_scaling
-        self._nearest: list[NearestComplexityClassifier] = []
+        self.joined = JoinedScores(())
         self.multipliers: npt.NDArray[np.float32] | None = None
 
     @property
@@ -87,26 +145,16 @@ class FusedRecogniser:
             raise ModelError("FusedRecogniser: not fitted")
         return self._discriminant.labels
 
-    def fit(
-        self,
-        stored: ViewComparison,
-        labels: npt.ArrayLike,
-        multipliers: npt.NDArray[np.float32] | None = None,
-    ) -> FusedRecogniser:
-        """Learn from how the stored views compare among themselves and their labels (n,).
-
-        multipliers: (k n, c) of a machine learned before from the same; None learns them.
-        """
+    def fit(self, stored: ViewComparison, labels: npt.ArrayLike) -> FusedRecogniser:
+        """Learn from how the stored views compare among themselves and their labels (n,)."""
         known = np.asarray(labels)
         self._discriminant.fit(stored.kernel, _for_copies(known, stored.kernel))
-        m = min(self._local_scaling, len(known) - 1)
-        self._nearest = [
-            NearestComplexityClassifier(local_scaling=m).fit(distances, _for_copies(known, distances))
-            for distances in stored.distances
-        ]
-        self.multipliers = multipliers
-        if stored.machine_kernel is not None and multipliers is None:
-            self.multipliers = _machine_multipliers(stored.machine_kernel, known)
+        self.joined = JoinedScores.of_distances(
+            stored.distances, known, self._local_scaling, self.nearest_share
+        )
+        self.multipliers = (
+            None if stored.machine_kernel is None else _machine_multipliers(stored.machine_kernel, known)
+        )
         return self
 
     def scores(self, queries: ViewComparison) -> FloatArray:
@@ -119,31 +167,12 @@ class FusedRecogniser:
                     f"got {None if queries.machine_kernel is None else queries.machine_kernel.shape}"
                 )
             machine = np.asarray(queries.machine_kernel @ self.multipliers, dtype=np.float64)
-        return self.joined(self._discriminant.scores(queries.kernel), machine, queries.distances)
+        return self.joined.of(self._discriminant.scores(queries.kernel), machine, queries.distances)
 
     @property
     def discriminant(self) -> tuple[FloatArray, FloatArray]:
         """Weights (k n, c) of kernel values and offsets (c,), which make the discriminant's scores."""
         return self._discriminant.weights, self._discriminant.offsets
-
-    def joined(
-        self,
-        discriminant: FloatArray,
-        machine: FloatArray | None,
-        distances: Sequence[npt.NDArray[np.floating[Any]]],
-    ) -> FloatArray:
-        """Scores (m, c) from those of the discriminant and of the machine, and from distances to the stored views."""
-        if len(distances) != len(self._nearest):
-            raise DataError(
-                f"FusedRecogniser: expected {len(self._nearest)} matrices of distances, got {len(distances)}"
-            )
-        total = standardised(discriminant)
-        if machine is not None:
-            total += standardised(machine)
-        for classifier, to_stored in zip(self._nearest, distances, strict=True):
-            nearest = -classifier.nearest_by_class(to_stored)
-            total += self.nearest_share / len(self._nearest) * standardised(nearest)
-        return total
 
 
 def _machine_multipliers(

@@ -13,6 +13,7 @@ from depthprint.encoder_file import model_of_parts, model_parts
 from depthprint.encoding import Encoding
 from depthprint.errors import DepthprintError, ModelError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
+from depthprint.learned_classes import LearnedClasses
 from depthprint.object_kernels import DistanceFeatures
 from depthprint.recogniser_calibration import Calibration
 from depthprint.signature import SignatureBatch
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 
 SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
 
@@ -61,7 +62,7 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
         for kind in SURFACE_ARRAYS:
             arrays[kind] = np.asarray(getattr(stored.views, kind))
-        arrays["multipliers"] = np.asarray(recogniser.multipliers)
+    arrays |= recogniser.learned.parts()
     if stored.geometry is not None:
         arrays |= stored.geometry.parts()
     for number in range(len(encoder.settings.streams)):
@@ -103,7 +104,12 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
         calibration = Calibration(float(header["temperature"]), novelty)
         return TrainedRecogniser(
-            encoder, stored, header["labels"], header["sources"], calibration, arrays.get("multipliers")
+            encoder,
+            stored,
+            header["labels"],
+            header["sources"],
+            calibration,
+            LearnedClasses.of_parts(arrays, header["labels"]),
         )
     except ModelError:
         raise

@@ -67,60 +67,36 @@ class StoredViews:
         self, encoder: Encoder, encodings: Sequence[Encoding], images: Sequence[RangeImage]
     ) -> ViewFeatures:
         """Bring images, encoded by the same encoder, into the form of the stored views."""
-        surfaces: tuple[Float32Array, ...] = ()
-        if self.words is not None:
-            surfaces = self.words.features(images, mirror=encoder.settings.mirror)
-        return self._joined(encoder, encodings, surfaces)
+        codes = self._codes(encoder, encodings)
+        return ViewFeatures(*codes, *self._surfaces(images, encoder.settings.mirror))
 
     def encode_and_describe(self, encoder: Encoder, images: Sequence[RangeImage]) -> ViewFeatures:
-        """``describe`` of images that are still to be encoded, which goes on beside it where there are two threads."""
+        """``describe`` of images that are still to be encoded: codes and surfaces side by side, given two threads."""
         from depthprint._kernels.blocks import for_blocks
 
-        words, mirror = self.words, encoder.settings.mirror
-        groups = [] if words is None else words.groups
-        encodings: dict[int, Encoding] = {}
-        parts: dict[tuple[int, int], list[Float32Array]] = {}
-
-        def work(number: int, _: int) -> None:
-            # Encodings take longest, so they come first.
-            group, image = divmod(number, len(images))
-            if group == 0:
-                encodings[image] = encoder.describe(images[image])
-            elif words is not None:
-                parts[image, group - 1] = words.part(images[image], groups[group - 1], mirror)
-
-        for_blocks(len(images) * (1 + len(groups)), 1, work)
-        surfaces: tuple[Float32Array, ...] = ()
-        if words is not None:
-            of_images = [
-                words.joined([parts[image, group] for group in range(len(groups))])
-                for image in range(len(images))
-            ]
-            sides = np.stack(of_images, axis=1)
-            surfaces = sides[0], sides[-1]
-        return self._joined(encoder, [encodings[image] for image in range(len(images))], surfaces)
-
-    def _joined(
-        self, encoder: Encoder, encodings: Sequence[Encoding], surfaces: Sequence[Float32Array]
-    ) -> ViewFeatures:
-        from depthprint._kernels.blocks import for_blocks
-
-        known = self.surface_directions
         codes: list[Float32Array] = []
-        along: list[Float32Array | None] = [None, None]
-        features: list[Float32Array] = []
+        surfaces: list[Float32Array] = []
 
         def work(number: int, _: int) -> None:
             if number == 0:
-                distances = compare_with_batches(encoder, encodings, self._landmark_batches)
-                features.append(self.distance_features.of(distances))
-            elif number == 1:
-                codes[:] = _code_sides(encoder, encodings, self.directions)
-            elif known is not None:
-                along[:] = _along(known, surfaces)
+                codes[:] = self._codes(encoder, [encoder.describe(image) for image in images])
+            else:
+                surfaces[:] = self._surfaces(images, encoder.settings.mirror)
 
-        for_blocks(2 + (known is not None and len(surfaces) > 0), 1, work)
-        return ViewFeatures(codes[0], codes[1], features[0], along[0], along[1])
+        for_blocks(2, 1, work)
+        return ViewFeatures(*codes, *surfaces)
+
+    def _codes(self, encoder: Encoder, encodings: Sequence[Encoding]) -> list[Float32Array]:
+        """Codes along their directions, of views and of their mirror images, and features of landmark distances."""
+        sides = _code_sides(encoder, encodings, self.directions)
+        distances = compare_with_batches(encoder, encodings, self._landmark_batches)
+        return [*sides, self.distance_features.of(distances)]
+
+    def _surfaces(self, images: Sequence[RangeImage], mirror: bool) -> list[Float32Array]:
+        """Surface vectors along their directions, of views and of their mirror images; none where not compared."""
+        if self.words is None or self.surface_directions is None:
+            return []
+        return _along(self.surface_directions, self.words.features(images, mirror=mirror))
 
 
 def store_views(

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.class_directions import ClassDirections
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
+from depthprint.learned_classes import LearnedClasses
 from depthprint.object_alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
 from depthprint.object_recogniser import FusedRecogniser
 from depthprint.object_surface import object_surface
@@ -62,18 +62,15 @@ class TrainedRecogniser:
         labels: Sequence[str],
         sources: Sequence[str],
         calibration: Calibration,
-        multipliers: npt.NDArray[np.float32] | None = None,
+        learned: LearnedClasses | None = None,
     ) -> None:
         self.encoder = encoder
         self.stored = stored
         self.view_labels = tuple(labels)
         self.sources = tuple(sources)
         self.calibration = calibration
-        self._fused = FusedRecogniser().fit(
-            stored.views.compared_with(stored.views), np.asarray(labels), multipliers
-        )
-        self._directions = ClassDirections.of(stored.views, self._fused)
-        self._classes = np.searchsorted(self._fused.labels, np.asarray(labels))
+        self.learned = LearnedClasses.fit(stored.views, labels) if learned is None else learned
+        self._classes = np.searchsorted(self.learned.labels, np.asarray(labels))
 
     @classmethod
     def fit(
@@ -117,12 +114,7 @@ class TrainedRecogniser:
     @property
     def labels(self) -> tuple[str, ...]:
         """The classes, sorted."""
-        return tuple(str(label) for label in self._fused.labels)
-
-    @property
-    def multipliers(self) -> npt.NDArray[np.float32] | None:
-        """What the support vector machine learned, (2 n, c); None where surfaces are not compared."""
-        return self._fused.multipliers
+        return tuple(str(label) for label in self.learned.labels)
 
     def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
         """Recognise one view, or several views of one object; their scores are averaged."""
@@ -133,7 +125,7 @@ class TrainedRecogniser:
         near, labels = features.distances_to(self.stored.views), self.labels
         distances = near[0]
         scores = _checked(
-            self._fused.joined(*self._directions.scores(features), near),
+            self.learned.scores(features, near),
             np.arange(len(labels)),
             self.stored.geometry,
             images,

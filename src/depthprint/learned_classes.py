@@ -1,0 +1,70 @@
+"""LearnedClasses: what a recogniser has learned of its classes, in the form that queries ask and files keep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.class_directions import ClassDirections
+from depthprint.errors import DataError
+from depthprint.object_recogniser import FusedRecogniser, JoinedScores
+from depthprint.view_features import ViewFeatures
+
+__all__ = ["LearnedClasses"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_SCALES = "neighbour_scales_"
+_DIRECTIONS = ("codes", "complexities", "surfaces", "machine", "offsets")
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedClasses:
+    """Labels (c,), sorted; what scores have that is linear in a view's vectors, and how it joins with nearest views."""
+
+    labels: npt.NDArray[Any]
+    directions: ClassDirections
+    joined: JoinedScores
+
+    @classmethod
+    def fit(cls, stored: ViewFeatures, labels: Sequence[str]) -> LearnedClasses:
+        """Learn from how the stored views compare among themselves, and their labels (n,)."""
+        fused = FusedRecogniser().fit(stored.compared_with(stored), np.asarray(labels))
+        return cls(fused.labels, ClassDirections.of(stored, fused), fused.joined)
+
+    def scores(self, views: ViewFeatures, distances: Sequence[npt.NDArray[np.floating[Any]]]) -> FloatArray:
+        """Scores (m, c) of views, whose distances to the stored ones are ``ViewFeatures.distances_to``."""
+        return self.joined.of(*self.directions.scores(views), distances)
+
+    def parts(self) -> dict[str, npt.NDArray[Any]]:
+        """Arrays for a file; ``of_parts`` gives the same scores from them, to the bit."""
+        directions = {f"class_{name}": getattr(self.directions, name) for name in _DIRECTIONS}
+        scales = {f"{_SCALES}{k}": one for k, one in enumerate(self.joined.scales)}
+        return {name: array for name, array in (directions | scales).items() if array is not None}
+
+    @classmethod
+    def of_parts(cls, arrays: Mapping[str, npt.NDArray[Any]], labels: Sequence[str]) -> LearnedClasses:
+        """What was learned of views with these labels (n,). Raises DataError for parts that do not fit each other."""
+        known = np.asarray(labels)
+        classes = np.unique(known)
+        directions = ClassDirections(
+            codes=arrays["class_codes"],
+            complexities=arrays["class_complexities"],
+            surfaces=arrays.get("class_surfaces"),
+            machine=arrays.get("class_machine"),
+            offsets=arrays["class_offsets"],
+        )
+        for name in _DIRECTIONS:
+            array = getattr(directions, name)
+            if array is not None and array.shape[-1] != len(classes):
+                raise DataError(
+                    f"class_{name}: expected columns of {len(classes)} classes, got shape {array.shape}"
+                )
+        scales: list[FloatArray] = []
+        while f"{_SCALES}{len(scales)}" in arrays:
+            scales.append(arrays[f"{_SCALES}{len(scales)}"])
+        return cls(classes, directions, JoinedScores.of_scales(scales, known))
