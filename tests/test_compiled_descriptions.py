@@ -137,12 +137,15 @@ def test_responses_to_words_are_their_kernel():
 @given(st.integers(1, 4), st.integers(1, 40), st.integers(1, 20), st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
 def test_rows_with_zeros_have_the_product_of_all_their_values(n, d, r, seed):
-    from depthprint._kernels.sparse_rows import sparse_products
+    from depthprint._kernels.sparse_rows import sparse_products, sparse_products_in_halves
 
     generator = np.random.default_rng(seed)
     rows = (generator.random((n, d)) * (generator.random((n, d)) < 0.3)).astype(np.float32)
     matrix = generator.normal(size=(d, r)).astype(np.float32)
     np.testing.assert_allclose(sparse_products(rows, matrix), rows @ matrix, atol=1e-5)
+    halves = (matrix.view(np.uint32) >> 16).astype(np.uint16)
+    cut = (halves.astype(np.uint32) << 16).view(np.float32)
+    np.testing.assert_array_equal(sparse_products_in_halves(rows, halves), sparse_products(rows, cut))
 
 
 def test_the_views_of_all_streams_are_those_of_each(views):

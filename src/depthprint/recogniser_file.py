@@ -13,6 +13,7 @@ from depthprint.encoder_file import model_of_parts, model_parts
 from depthprint.encoding import Encoding
 from depthprint.errors import DepthprintError, ModelError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
+from depthprint.leading_directions import LeadingDirections
 from depthprint.learned_classes import LearnedClasses
 from depthprint.object_kernels import DistanceFeatures
 from depthprint.recogniser_calibration import Calibration
@@ -52,14 +53,14 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
         "distance_scale": stored.distance_features.scale,
         "surface_gammas": None,
     }
-    arrays["directions"] = stored.directions.astype(np.float16)
+    arrays["directions"] = stored.directions.upper_bits
     arrays["landmark_basis"] = stored.distance_features.basis
     for kind in ("straight", "mirrored", "landmark"):
         arrays[kind] = getattr(stored.views, kind)
-    if stored.words is not None:
+    if stored.words is not None and stored.surface_directions is not None:
         header["surface_gammas"], words = stored.words.parts()
         arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
-        arrays["surface_directions"] = np.asarray(stored.surface_directions, dtype=np.float16)
+        arrays["surface_directions"] = stored.surface_directions.upper_bits
         for kind in SURFACE_ARRAYS:
             arrays[kind] = np.asarray(getattr(stored.views, kind))
     arrays |= recogniser.learned.parts()
@@ -84,7 +85,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
     try:
         encoder = Encoder(*model_of_parts(header["model"], arrays, path))
         stored = StoredViews(
-            directions=arrays["directions"].astype(np.float32),
+            directions=LeadingDirections(arrays["directions"]),
             landmarks=_landmarks(encoder, arrays),
             distance_features=DistanceFeatures.restored(
                 float(header["distance_scale"]), arrays["landmark_basis"]
@@ -96,7 +97,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
                 *(arrays.get(kind) for kind in SURFACE_ARRAYS),
             ),
             words=_surface_words(header["surface_gammas"], arrays),
-            surface_directions=arrays["surface_directions"].astype(np.float32)
+            surface_directions=LeadingDirections(arrays["surface_directions"])
             if "surface_directions" in arrays
             else None,
             geometry=None if header["surface_gammas"] is None else StoredGeometry.of_parts(arrays),

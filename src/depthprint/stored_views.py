@@ -12,17 +12,17 @@ import numpy.typing as npt
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
+from depthprint.leading_directions import LeadingDirections
 from depthprint.object_distances import compare_complexities, compare_with_batches, signature_batches
-from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings, unit_rows
+from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.stored_geometry import StoredGeometry
 from depthprint.surface_words import SurfaceWords
-from depthprint.view_features import FEW_ROWS, ViewFeatures, few_products
+from depthprint.view_features import ViewFeatures
 
 __all__ = [
-    "MAX_DIRECTIONS",
     "MAX_LANDMARKS",
     "MAX_LANDMARKS_BESIDE_SURFACES",
     "StoredViews",
@@ -31,7 +31,6 @@ __all__ = [
 
 Float32Array = npt.NDArray[np.float32]
 
-MAX_DIRECTIONS = 384
 MAX_LANDMARKS = 48
 # Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
 MAX_LANDMARKS_BESIDE_SURFACES = 24
@@ -39,18 +38,18 @@ MAX_LANDMARKS_BESIDE_SURFACES = 24
 
 @dataclass(frozen=True)
 class StoredViews:
-    """Directions of the pooled codes (d, r), landmark encodings with their features, and the views learned from.
+    """Directions of the pooled codes, landmark encodings with their features, and the views learned from.
 
     words, surface_directions: the vocabulary of the surface vectors and their directions; geometry: the views
     themselves, for alignment. None where surfaces are not compared.
     """
 
-    directions: Float32Array
+    directions: LeadingDirections
     landmarks: tuple[Encoding, ...]
     distance_features: DistanceFeatures
     views: ViewFeatures
     words: SurfaceWords | None = None
-    surface_directions: Float32Array | None = None
+    surface_directions: LeadingDirections | None = None
     geometry: StoredGeometry | None = None
 
     def __post_init__(self) -> None:
@@ -96,7 +95,7 @@ class StoredViews:
         """Surface vectors along their directions, of views and of their mirror images; none where not compared."""
         if self.words is None or self.surface_directions is None:
             return []
-        return _along(self.surface_directions, self.words.features(images, mirror=mirror))
+        return self.surface_directions.along(self.words.features(images, mirror=mirror))
 
 
 def store_views(
@@ -109,13 +108,13 @@ def store_views(
     """Learn the leading directions of the views' codes, and choose landmarks evenly among the views.
 
     Directions are singular vectors of the codes of views and mirror images, and of the surface vectors where
-    ``words`` are given (randomised, seeded), rounded to the 16 bits that a file keeps, so that a saved and loaded
-    recogniser gives the same numbers. Partly hidden copies of the views are described for their surfaces alone.
+    ``words`` are given, rounded to the 16 bits that a file keeps, so that a saved and loaded recogniser gives the
+    same numbers. Partly hidden copies of the views are described for their surfaces alone.
     """
     vectors = code_vectors(encoder, encodings)
     if encoder.settings.mirror:
         vectors = np.concatenate([vectors, code_vectors(encoder, mirrored_encodings(encodings))])
-    directions = _leading_directions(vectors, seed)
+    directions = LeadingDirections.of(vectors, seed)
     most = MAX_LANDMARKS if words is None else MAX_LANDMARKS_BESIDE_SURFACES
     chosen = np.unique(np.linspace(0, len(encodings) - 1, most).astype(np.int64))
     landmarks = tuple(encodings[int(k)] for k in chosen)
@@ -128,34 +127,19 @@ def store_views(
     mirror = encoder.settings.mirror
     whole = words.features(images, mirror=mirror)
     copies = words.features(partial_copies(images), mirror=mirror)
-    surface_directions = _leading_directions(np.concatenate([*whole, *copies]), seed)
-    surfaces = [*_along(surface_directions, whole), *_along(surface_directions, copies)]
+    surface_directions = LeadingDirections.of(np.concatenate([*whole, *copies]), seed)
+    surfaces = [*surface_directions.along(whole), *surface_directions.along(copies)]
     views = ViewFeatures(views.straight, views.mirrored, views.landmark, *surfaces)
     geometry = StoredGeometry.of(images)
     return StoredViews(directions, landmarks, learned, views, words, surface_directions, geometry)
 
 
 def _code_sides(
-    encoder: Encoder, encodings: Sequence[Encoding], directions: Float32Array
+    encoder: Encoder, encodings: Sequence[Encoding], directions: LeadingDirections
 ) -> list[Float32Array]:
     """Codes along the directions, of views and of their mirror images; the first twice where there are none."""
     vectors = [code_vectors(encoder, encodings)]
     if encoder.settings.mirror:
         vectors.append(code_vectors(encoder, mirrored_encodings(encodings)))
-    sides = _along(directions, vectors)
+    sides = directions.along(vectors)
     return [sides[0], sides[-1]]
-
-
-def _along(directions: Float32Array, vectors: Sequence[Float32Array]) -> list[Float32Array]:
-    """Unit vectors along the directions, of views and of their mirror images."""
-    rows = np.concatenate(vectors)
-    products = few_products(rows, directions) if len(rows) <= FEW_ROWS else rows @ directions
-    return np.split(unit_rows(products), len(vectors))
-
-
-def _leading_directions(vectors: Float32Array, seed: int) -> Float32Array:
-    from sklearn.utils.extmath import randomized_svd
-
-    count = min(MAX_DIRECTIONS, *vectors.shape)
-    _, _, rows = randomized_svd(vectors, count, n_iter=2, random_state=seed)
-    return np.ascontiguousarray(rows.T).astype(np.float16).astype(np.float32)
