@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +63,31 @@ def test_probabilities_add_up_and_are_sorted(recogniser, views):
     assert shares == sorted(shares, reverse=True)
     assert {label for label, _ in found.classes} == set(recogniser.labels)
     assert found.nearest in recogniser.sources
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 3])
+def test_answers_are_the_same_to_the_bit_on_any_threads(recogniser, views, monkeypatch, n_threads):
+    asked = [image for _, image in queries(views)]
+    known = [
+        recogniser.stored.describe(recogniser.encoder, [recogniser.encoder.describe(i)], [i]) for i in asked
+    ]
+    expected = [recogniser.recognise(image) for image in asked]
+    monkeypatch.setattr("numba.get_num_threads", lambda: n_threads)
+    with ThreadPoolExecutor(4) as callers:
+        assert list(callers.map(recogniser.recognise, asked * 4)) == expected * 4
+        found = list(
+            callers.map(lambda i: recogniser.stored.encode_and_describe(recogniser.encoder, [i]), asked)
+        )
+    for one, other in zip(found, known, strict=True):
+        for name in ("straight", "mirrored", "landmark", "surface", "mirrored_surface"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_an_image_that_cannot_be_encoded_is_refused_on_two_threads(recogniser, views, monkeypatch):
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
+    image = queries(views)[0][1]
+    with pytest.raises(DataError, match="nowhere"):
+        recogniser.recognise(image.replace(ranges_m=np.zeros_like(image.ranges_m), source="nowhere"))
 
 
 def test_an_unknown_kind_is_less_known_than_the_known_ones(recogniser, views):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,15 +78,14 @@ def align_object_views(query: RangeImage, stored: RangeImage) -> SurfaceAlignmen
 
 def aligned_agreements(query: SeenSurface, stored: Sequence[SeenSurface]) -> FloatArray:
     """Agreement (n,) of a query with each of the stored surfaces."""
-    from depthprint._kernels.blocks import for_blocks
+    from depthprint._kernels.tasks import run_tasks
 
     agreements = np.empty(len(stored))
 
-    def work(first: int, last: int) -> None:
-        for k in range(first, last):
-            agreements[k] = _aligned(query, stored[k])[1]
+    def align(number: int) -> None:
+        agreements[number] = _aligned(query, stored[number])[1]
 
-    for_blocks(len(stored), 8, work)
+    run_tasks([partial(align, number) for number in range(len(stored))])
     return agreements
 
 

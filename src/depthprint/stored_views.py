@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,26 +71,42 @@ class StoredViews:
         return ViewFeatures(*codes, *self._surfaces(images, encoder.settings.mirror))
 
     def encode_and_describe(self, encoder: Encoder, images: Sequence[RangeImage]) -> ViewFeatures:
-        """``describe`` of images that are still to be encoded: codes and surfaces side by side, given two threads."""
-        from depthprint._kernels.blocks import for_blocks
+        """``describe`` of images that are still to be encoded: codes and surfaces side by side, given two threads.
 
-        codes: list[Float32Array] = []
-        surfaces: list[Float32Array] = []
+        Whichever thread is done first goes on with what is made of the codes, so that both end at nearly one time.
+        """
+        from depthprint._kernels.tasks import run_tasks
 
-        def work(number: int, _: int) -> None:
-            if number == 0:
-                codes[:] = self._codes(encoder, [encoder.describe(image) for image in images])
-            else:
-                surfaces[:] = self._surfaces(images, encoder.settings.mirror)
+        encoded: Future[list[Encoding]] = Future()
+        found: dict[str, list[Float32Array]] = {}
 
-        for_blocks(2, 1, work)
-        return ViewFeatures(*codes, *surfaces)
+        def encode() -> None:
+            try:
+                encoded.set_result([encoder.describe(image) for image in images])
+            except BaseException as error:
+                encoded.set_exception(error)
+                raise
+
+        def surfaces() -> None:
+            found["surfaces"] = self._surfaces(images, encoder.settings.mirror)
+
+        def landmarks() -> None:
+            found["landmarks"] = [self._landmark_features(encoder, encoded.result())]
+
+        def sides() -> None:
+            found["sides"] = _code_sides(encoder, encoded.result(), self.directions)
+
+        run_tasks([encode, surfaces, landmarks, sides])
+        return ViewFeatures(*found["sides"], *found["landmarks"], *found["surfaces"])
 
     def _codes(self, encoder: Encoder, encodings: Sequence[Encoding]) -> list[Float32Array]:
         """Codes along their directions, of views and of their mirror images, and features of landmark distances."""
         sides = _code_sides(encoder, encodings, self.directions)
+        return [*sides, self._landmark_features(encoder, encodings)]
+
+    def _landmark_features(self, encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
         distances = compare_with_batches(encoder, encodings, self._landmark_batches)
-        return [*sides, self.distance_features.of(distances)]
+        return self.distance_features.of(distances)
 
     def _surfaces(self, images: Sequence[RangeImage], mirror: bool) -> list[Float32Array]:
         """Surface vectors along their directions, of views and of their mirror images; none where not compared."""

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["for_blocks", "one_blas_thread"]
+__all__ = ["for_blocks", "holding_blas", "one_blas_thread"]
 
 _WORTH_A_THREAD = 1e8  # some ten milliseconds; a hand-over costs up to one
 
@@ -39,12 +39,13 @@ def one_blas_thread() -> Iterator[None]:
     if _held.times:
         yield
         return
-    with _controller().limit(limits=1, user_api="blas"), _holding():
+    with _controller().limit(limits=1, user_api="blas"), holding_blas():
         yield
 
 
 @contextmanager
-def _holding() -> Iterator[None]:
+def holding_blas() -> Iterator[None]:
+    """What a thread works in whose caller holds BLAS to one thread already."""
     _held.times += 1
     try:
         yield
@@ -79,7 +80,7 @@ def for_blocks(
         pool = ThreadPoolExecutor(workers)
 
         def work_held(start: int, stop: int) -> None:
-            with _holding():
+            with holding_blas():
                 work(start, stop)
 
         try:
