@@ -7,7 +7,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from depthprint._kernels.blocks import one_blas_thread
 from depthprint._kernels.tasks import run_tasks
 
 TIMEOUT_S = 60
@@ -94,3 +96,33 @@ def test_other_threads_enter_no_parallel_kernels(monkeypatch):
     run_tasks([look, look])
     seen.pop(threading.get_ident())
     assert list(seen.values()) == [1]
+
+
+def test_blas_is_held_to_one_thread_while_any_caller_asks_and_then_has_what_it_had():
+    def threads_of_blas() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    limits = threadpool_limits(2, user_api="blas")
+    before = threads_of_blas()
+    first_holds, second_holds, first_left = (threading.Event() for _ in range(3))
+    seen = []
+
+    def first():
+        with one_blas_thread():
+            first_holds.set()
+            assert second_holds.wait(TIMEOUT_S)
+        first_left.set()
+
+    def second():
+        assert first_holds.wait(TIMEOUT_S)
+        with one_blas_thread():
+            second_holds.set()
+            assert first_left.wait(TIMEOUT_S)
+            seen.append(threads_of_blas())
+
+    with ThreadPoolExecutor(2) as callers:
+        for call in [callers.submit(first), callers.submit(second)]:
+            call.result(TIMEOUT_S)
+    assert seen == [{1}]
+    assert threads_of_blas() == before
+    limits.restore_original_limits()

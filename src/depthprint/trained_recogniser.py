@@ -118,9 +118,15 @@ class TrainedRecogniser:
 
     def recognise(self, views: RangeImage | Sequence[RangeImage]) -> Recognition:
         """Recognise one view, or several views of one object; their scores are averaged."""
+        from depthprint._kernels.blocks import one_blas_thread
+
         images = [views] if isinstance(views, RangeImage) else list(views)
         if not images:
             raise DataError("recognise: expected a view or several of one object, got none")
+        with one_blas_thread():
+            return self._recognised(images)
+
+    def _recognised(self, images: Sequence[RangeImage]) -> Recognition:
         features = self.stored.encode_and_describe(self.encoder, images)
         near, labels = features.distances_to(self.stored.views), self.labels
         distances = near[0]

@@ -9,10 +9,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
+from typing import Any
 
 import numba
 import numpy as np
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import OpenBLASController, ThreadpoolController
 
 __all__ = ["for_blocks", "holding_blas", "one_blas_thread"]
 
@@ -33,14 +34,52 @@ class _Held(threading.local):
 _held = _Held()
 
 
+class _Limit:
+    """BLAS held to one thread while any thread of the process asks for it: there is one limit for all of them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._holders = 0
+        self._limiter: Any = None
+
+    def take(self) -> None:
+        with self._lock:
+            if not self._holders:
+                _let_any_thread_limit()
+                self._limiter = _controller().limit(limits=1, user_api="blas")
+            self._holders += 1
+
+    def give(self) -> None:
+        with self._lock:
+            self._holders -= 1
+            if not self._holders:
+                _let_any_thread_limit()
+                self._limiter.restore_original_limits()
+                _let_any_thread_limit()
+
+
+def _let_any_thread_limit() -> None:
+    """Since 3.8 the thread that limits OpenBLAS is the only one whose limits count, until this; before, all were."""
+    clear = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)
+
+
+_limit = _Limit()
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Hold BLAS to one thread: its rounding depends on how many it uses. Within another such block nothing to do."""
     if _held.times:
         yield
         return
-    with _controller().limit(limits=1, user_api="blas"), holding_blas():
-        yield
+    _limit.take()
+    try:
+        with holding_blas():
+            yield
+    finally:
+        _limit.give()
 
 
 @contextmanager

@@ -44,16 +44,19 @@ class Vocabulary:
         """Compute the map of words (w, k); SettingsError for a gamma that is not positive."""
         from scipy.linalg import solve_triangular
 
+        from depthprint._kernels.blocks import one_blas_thread
+
         if not gamma > 0:
             raise SettingsError(f"Vocabulary: expected gamma > 0, got {gamma}")
         centres = np.array(words, dtype=np.float64)
         if centres.ndim != 2 or not len(centres) or not np.isfinite(centres).all():
             raise DataError(f"Vocabulary: expected finite words (w, k), got shape {centres.shape}")
-        kernel = gaussian_products(centres, centres, gamma) + RIDGE * np.eye(len(centres))
-        # kernel = U U^T with U upper triangular, so U^-1 is the Cholesky factor of the inverse, never formed:
-        # the inverse of a matrix so near singular is no longer positive.
-        upper = np.linalg.cholesky(kernel[::-1, ::-1])[::-1, ::-1]
-        whitening = solve_triangular(upper, np.eye(len(centres)))
+        with one_blas_thread():
+            kernel = gaussian_products(centres, centres, gamma) + RIDGE * np.eye(len(centres))
+            # kernel = U U^T with U upper triangular, so U^-1 is the Cholesky factor of the inverse, never formed:
+            # the inverse of a matrix so near singular is no longer positive.
+            upper = np.linalg.cholesky(kernel[::-1, ::-1])[::-1, ::-1]
+            whitening = solve_triangular(upper, np.eye(len(centres)))
         for array in (centres, whitening):
             array.setflags(write=False)
         return cls(centres, float(gamma), whitening)
