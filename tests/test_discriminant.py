@@ -140,7 +140,10 @@ def test_fused_kernels_are_weighted_means_and_distances_follow_each_other():
     fused = fused_comparison([first, second], [3.0, 1.0])
     np.testing.assert_allclose(fused.kernel, (3 * x @ x.T + np.eye(len(x))) / 4)
     assert len(fused.distances) == 1
-    assert fused.machine_kernel is second.machine_kernel
+    np.testing.assert_array_equal(fused.machine_kernel, second.machine_kernel)
+    third = ViewComparison(np.eye(len(x)), (), np.ones((2 * len(x), 2 * len(x))))
+    of_both = fused_comparison([second, third], [1.0, 3.0]).machine_kernel
+    np.testing.assert_allclose(of_both, (np.eye(2 * len(x)) + 1) / 2)
 
 
 def test_the_machine_adds_its_standardised_margins():

@@ -174,7 +174,7 @@ def test_agreement_lifts_the_class_that_it_is_with():
     assert labels[plain.argmax()] == 5
     assert labels[fused.argmax()] == 3
     added = fused - plain
-    np.testing.assert_allclose(added[[0, 1]], 0.4 * np.exp([2.4, 0.6]))
+    np.testing.assert_allclose(added[[0, 1]], 2.0 * np.exp([0.0, -4.8]))
     # Classes that nothing was aligned with are no better off for it.
     np.testing.assert_allclose(added[[2, 3]], added[1])
 

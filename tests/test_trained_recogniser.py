@@ -79,7 +79,7 @@ def test_answers_are_the_same_to_the_bit_on_any_threads(recogniser, views, monke
             callers.map(lambda i: recogniser.stored.encode_and_describe(recogniser.encoder, [i]), asked)
         )
     for one, other in zip(found, known, strict=True):
-        for name in ("straight", "mirrored", "landmark", "surface", "mirrored_surface"):
+        for name in ("straight", "mirrored", "landmark", "surface", "mirrored_surface", "pairs"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
@@ -144,7 +144,7 @@ def test_a_file_holds_what_was_learned_so_that_loading_learns_nothing(recogniser
     loaded = TrainedRecogniser.load(path)
     for name, array in recogniser.learned.parts().items():
         np.testing.assert_array_equal(loaded.learned.parts()[name], array)
-    assert len(recogniser.learned.joined.scales) == 2
+    assert len(recogniser.learned.joined.scales) == 3
     header, arrays = read_archive(path, "recogniser", FORMAT, FORMAT_VERSION)
     for name, broken in (
         ("class_codes", arrays["class_codes"][:, 1:]),
@@ -185,10 +185,12 @@ def test_partial_copies_of_the_views_are_learned_from(recogniser):
     assert np.mean(across.argmax(axis=1) == np.arange(len(stored))) > 0.5
     some = stored.taken(np.array([1, 3]))
     np.testing.assert_array_equal(some.mirrored_partial, stored.mirrored_partial[[1, 3]])
+    np.testing.assert_array_equal(some.partial_pairs, stored.partial_pairs[[1, 3]])
     assert some.compared_with(some).kernel.shape == (4, 4)
     found = some.compared_with(stored)
     assert found.kernel.shape == (2, 2 * len(stored))
-    assert [distances.shape[1] for distances in found.distances] == [len(stored), 2 * len(stored)]
+    widths = [distances.shape[1] for distances in found.distances]
+    assert widths == [len(stored), 2 * len(stored), 2 * len(stored)]
 
 
 @pytest.mark.parametrize("n_queries", [1, 8])
@@ -206,11 +208,14 @@ def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views
         recogniser.learned.scores(asked, near), fused.scores(expected), rtol=0, atol=1e-3
     )
     # One query is multiplied by a kernel of our own, several by BLAS: both give one minus the greater cosine.
-    for distances, sides in zip(
-        near, (("straight", "mirrored"), ("surface", "mirrored_surface")), strict=True
-    ):
-        known = [getattr(stored, sides[0])] + ([stored.partial] if sides[0] == "surface" else [])
-        cosines = [getattr(asked, side) @ np.concatenate(known).T for side in sides]
+    of_views = (
+        ("straight", "mirrored", None),
+        ("surface", "mirrored_surface", "partial"),
+        ("pairs", "pairs", "partial_pairs"),
+    )
+    for distances, (straight, mirrored, partial) in zip(near, of_views, strict=True):
+        known = [getattr(stored, name) for name in (straight, partial) if name is not None]
+        cosines = [getattr(asked, side) @ np.concatenate(known).T for side in (straight, mirrored)]
         np.testing.assert_allclose(distances, np.maximum(1 - np.maximum(*cosines), 0), rtol=0, atol=1e-6)
 
 
@@ -218,8 +223,7 @@ def test_class_directions_of_places_have_no_surfaces(views):
     crops = [image for _, image in views[:6]]
     scenes = TrainedRecogniser.fit(load_shipped_encoder("handheld"), crops, ["a"] * 3 + ["b"] * 3)
     directions = scenes.learned.directions
-    assert directions.surfaces is None
-    assert directions.machine is None
+    assert directions.surfaces is directions.pairs is directions.machine is None
     among = scenes.stored.views.compared_with(scenes.stored.views)
     expected = KernelDiscriminant(SHRINKAGE).fit(among.kernel, scenes.view_labels).scores(among.kernel)
     scores, machine = directions.scores(scenes.stored.views)

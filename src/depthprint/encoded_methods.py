@@ -30,9 +30,10 @@ _KINDS_OF_PARTS = {
     "complexities": ("complexities",),
     "surfaces": ("surfaces",),
     "sizeless": ("sizeless",),
+    "pairs": ("pairs",),
     "turned": ("turned",),
 }
-ALL_PARTS = ("codes", "complexities", "surfaces")
+ALL_PARTS = ("codes", "complexities", "surfaces", "pairs")
 _ROWS_PER_CALL = 256
 
 
@@ -129,11 +130,12 @@ class EncodedSVM(EncodedMethod):
 
 
 class EncodedRecogniser(EncodedMethod):
-    """The recogniser that ships: a discriminant over three kernels, a machine over surfaces, and nearest views.
+    """The recogniser that ships: a discriminant over four kernels, a machine over surfaces, and nearest views.
 
-    The kernels are of the pooled codes, of the information distance, and of the surfaces. ``parts`` names what is
-    used, of 'codes', 'complexities', 'surfaces', 'sizeless' (surfaces without the size kind) or 'turned' (surfaces of
-    which discriminant, machine and neighbours know copies turned up and down): what each adds. With
+    The kernels are of the pooled codes, of the information distance, of the surfaces and of their pairs of points, the
+    machine's of the latter two. ``parts`` names what is used, of 'codes', 'complexities', 'surfaces', 'sizeless'
+    (surfaces without the size kind), 'turned' (surfaces of which discriminant, machine and neighbours know copies
+    turned up and down; not beside 'pairs') or 'pairs': what each adds. With
     ``partial`` the discriminant and the neighbours know partly hidden copies of the training views too.
     """
 
@@ -169,7 +171,7 @@ class EncodedRecogniser(EncodedMethod):
 
     def likeness(self, train: IndexArray, test: IndexArray) -> npt.NDArray[np.float32]:
         """Likeness (n_test, n_train) of the surfaces, of the codes where no part knows surfaces: minus the distance."""
-        for part in ("surfaces", "turned", "sizeless"):
+        for part in ("surfaces", "turned", "sizeless", "pairs"):
             if part in self._parts:
                 surfaces: SurfaceKernels = getattr(self.comparisons, part)()
                 return -surfaces.nearer(test, train)

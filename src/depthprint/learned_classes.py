@@ -19,7 +19,7 @@ __all__ = ["LearnedClasses"]
 FloatArray = npt.NDArray[np.float64]
 
 _SCALES = "neighbour_scales_"
-_DIRECTIONS = ("codes", "complexities", "surfaces", "machine", "offsets")
+_DIRECTIONS = ("codes", "complexities", "surfaces", "pairs", "machine", "offsets")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,7 @@ class LearnedClasses:
             codes=arrays["class_codes"],
             complexities=arrays["class_complexities"],
             surfaces=arrays.get("class_surfaces"),
+            pairs=arrays.get("class_pairs"),
             machine=arrays.get("class_machine"),
             offsets=arrays["class_offsets"],
         )

@@ -36,14 +36,16 @@ IndexArray = npt.NDArray[np.int64]
 STARTS_DEG = ((-30.0, 0.0), (-15.0, 0.0), (0.0, 0.0), (15.0, 0.0), (30.0, 0.0))
 CHECKED_CLASSES = 10
 CHECKED_VIEWS = 3
-AGREEMENT_WEIGHT = 2.0
+AGREEMENT_WEIGHT = 2.2
 
 _COARSE = (4, 6)
 _FINE = 5
 # Of depth, metres at one metre and growing with its square; and share of the stored surface's size.
 _DEPTH_NOISE = 0.003
 _SHAPE_NOISE = 0.02
-_STEEPNESS = 3.0
+# Of what an agreement is worth, which is 1 at that of two good views of one object.
+_STEEPNESS = 8.0
+_GOOD_AGREEMENT = 0.8
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,8 @@ def with_agreement(
 ) -> FloatArray:
     """Scores (c,), brought to deviation 1, and ``weight`` times what the best agreement of each class is worth.
 
-    That grows as exp(3 agreement), so that a view that fits counts and the less unlike of two others hardly does.
+    That grows as exp(8 agreement) and is 1 at an agreement of 0.8, so that a view of the same object counts and the
+    less unlike of two others hardly does.
     Classes of which no view was aligned get what the worst of the others has.
     """
     from depthprint.object_recogniser import standardised
@@ -140,7 +143,7 @@ def with_agreement(
     worth = np.full(len(labels), np.inf)
     for label in np.unique(proposed_labels):
         best = agreements[proposed_labels == label].max()
-        worth[labels == label] = math.exp(_STEEPNESS * best) / 5.0
+        worth[labels == label] = math.exp(_STEEPNESS * (best - _GOOD_AGREEMENT))
     worth[~np.isfinite(worth)] = worth.min()
     return np.asarray(standardised(scores[None])[0] + weight * worth)
 

@@ -56,8 +56,7 @@ class ObjectComparisons:
     @property
     def encodings(self) -> Sequence[Encoding]:
         """Encodings of all views; DataError before ``prepare``."""
-        if self._images is None:
-            raise DataError("ObjectComparisons: expected prepare() to be called first")
+        self._described()
         return self._encodings
 
     def complexities(self) -> MirroredDistances:
@@ -91,17 +90,24 @@ class ObjectComparisons:
         """Kernels of the views' surfaces, the size kind left out."""
         return self._once("sizeless", lambda: self._surface_kernels(sized=False))
 
+    def pairs(self) -> SurfaceKernels:
+        """Kernels of the surfaces' pairs of points."""
+        return self._once("pairs", lambda: self.shared_surfaces.pairs(self._described(), self._progress))
+
     def turned(self) -> SurfaceKernels:
         """Kernels of the views' surfaces, turned copies among them."""
         return self._once("turned", lambda: self._surface_kernels(turned=True))
 
     def _surface_kernels(self, sized: bool = True, turned: bool = False) -> SurfaceKernels:
-        if self._images is None:
-            raise DataError("ObjectComparisons: expected prepare() to be called first")
         mirror = self.encoder.settings.mirror
         return self.shared_surfaces.kernels(
-            self._images, mirror=mirror, sized=sized, turned=turned, progress=self._progress
+            self._described(), mirror=mirror, sized=sized, turned=turned, progress=self._progress
         )
+
+    def _described(self) -> Sequence[RangeImage]:
+        if self._images is None:
+            raise DataError("ObjectComparisons: expected prepare() to be called first")
+        return self._images
 
     def _once(self, kind: str, compute: Callable[[], T]) -> T:
         if kind not in self._done:

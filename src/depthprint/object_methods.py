@@ -34,15 +34,18 @@ KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
 # Of the agreement of alignments beside these machines' margins, chosen as the recogniser's was.
-KDES_AGREEMENT_WEIGHT = 4.0
+KDES_AGREEMENT_WEIGHT = 4.4
 
 # What the kernels and neighbours of rows that are the recogniser but for these are made of.
 _PARTS = {
-    "no-emd": ("codes", "surfaces"),
-    "no-kdes": ("codes", "complexities"),
-    "no-size": ("codes", "complexities", "sizeless"),
-    "no-codes": ("surfaces",),
+    "no-emd": ("codes", "surfaces", "pairs"),
+    "no-pairs": ("codes", "complexities", "surfaces"),
+    "no-kdes": ("codes", "complexities", "pairs"),
+    "no-surfaces": ("codes", "complexities"),
+    "no-size": ("codes", "complexities", "sizeless", "pairs"),
+    "no-codes": ("surfaces", "pairs"),
     "only-codes": ("codes",),
+    "only-pairs": ("pairs",),
     "with-turned": ("codes", "complexities", "turned"),
 }
 
@@ -111,7 +114,7 @@ def _random_patches(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _no_coding(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, UncodedEncoder(encoder.settings, encoder.streams), ("codes", "surfaces"))
+    return _fused(name, UncodedEncoder(encoder.settings, encoder.streams), _PARTS["no-emd"])
 
 
 def _relaxed(name: str, encoder: Encoder) -> ObjectMethod:
@@ -179,9 +182,12 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
     "no-emd": _fused_of_parts,
+    "no-surfaces": _fused_of_parts,
     "no-kdes": _fused_of_parts,
     "no-size": _fused_of_parts,
+    "no-pairs": _fused_of_parts,
     "no-codes": _fused_of_parts,
+    "only-pairs": _fused_of_parts,
     "only-codes": _fused_of_parts,
     "no-partial": _no_partial,
     "with-turned": _fused_of_parts,

@@ -19,11 +19,18 @@ FloatArray = npt.NDArray[np.float64]
 
 # Chosen by nested splits of training objects; halves and doubles of each do nearly as well.
 SHRINKAGE = 0.5
-NEAREST_SHARE = 1.0
+NEAREST_SHARE = 2.0
 LOCAL_SCALING = 10
 MACHINE_C = 40.0
 # Shares of what views are compared by in the discriminant's kernel.
-KERNEL_SHARES = {"codes": 2.0, "complexities": 1.0, "surfaces": 4.0, "sizeless": 4.0, "turned": 4.0}
+KERNEL_SHARES = {
+    "codes": 2.0,
+    "complexities": 1.0,
+    "surfaces": 4.0,
+    "sizeless": 4.0,
+    "turned": 4.0,
+    "pairs": 8.0,
+}
 
 
 @dataclass(frozen=True)
@@ -42,14 +49,15 @@ class ViewComparison:
 
 
 def fused_comparison(parts: Sequence[ViewComparison], shares: Sequence[float]) -> ViewComparison:
-    """Weighted mean of the kernels, all matrices of distances, and the machine's kernel of the part that has one."""
+    """Weighted mean of the kernels, all matrices of distances, and the mean of what parts have for the machine."""
     # A copy of a view that one part knows is for the others the view itself.
     widest = max((p.kernel for p in parts), key=np.size)
     kernel = sum(
         share * _repeated(np.asarray(p.kernel, dtype=np.float64), widest.shape)
         for p, share in zip(parts, shares, strict=True)
     )
-    machine = next((p.machine_kernel for p in parts if p.machine_kernel is not None), None)
+    for_machine = [p.machine_kernel for p in parts if p.machine_kernel is not None]
+    machine = sum(for_machine[1:], for_machine[0]) / np.float32(len(for_machine)) if for_machine else None
     distances = tuple(matrix for p in parts for matrix in p.distances)
     return ViewComparison(np.asarray(kernel) / sum(shares), distances, machine)
 

@@ -29,9 +29,17 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
-SURFACE_ARRAYS = ("surface", "mirrored_surface", "partial", "mirrored_partial")
+SURFACE_ARRAYS = (
+    "surface",
+    "mirrored_surface",
+    "pairs",
+    "partial",
+    "mirrored_partial",
+    "partial_pairs",
+)
+DIRECTIONS = ("surface_directions", "pair_directions")
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -57,10 +65,11 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
     arrays["landmark_basis"] = stored.distance_features.basis
     for kind in ("straight", "mirrored", "landmark"):
         arrays[kind] = getattr(stored.views, kind)
-    if stored.words is not None and stored.surface_directions is not None:
+    if stored.words is not None:
         header["surface_gammas"], words = stored.words.parts()
         arrays |= {f"surface_words_{kind}": array for kind, array in words.items()}
-        arrays["surface_directions"] = stored.surface_directions.upper_bits
+        for name in DIRECTIONS:
+            arrays[name] = getattr(stored, name).upper_bits
         for kind in SURFACE_ARRAYS:
             arrays[kind] = np.asarray(getattr(stored.views, kind))
     arrays |= recogniser.learned.parts()
@@ -97,9 +106,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
                 *(arrays.get(kind) for kind in SURFACE_ARRAYS),
             ),
             words=_surface_words(header["surface_gammas"], arrays),
-            surface_directions=LeadingDirections(arrays["surface_directions"])
-            if "surface_directions" in arrays
-            else None,
+            **{name: LeadingDirections(arrays[name]) for name in DIRECTIONS if name in arrays},
             geometry=None if header["surface_gammas"] is None else StoredGeometry.of_parts(arrays),
         )
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])

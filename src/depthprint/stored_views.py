@@ -21,6 +21,7 @@ from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.stored_geometry import StoredGeometry
 from depthprint.surface_words import SurfaceWords
+from depthprint.surflet_pairs import pair_vectors
 from depthprint.view_features import ViewFeatures
 
 __all__ = [
@@ -41,8 +42,8 @@ MAX_LANDMARKS_BESIDE_SURFACES = 24
 class StoredViews:
     """Directions of the pooled codes, landmark encodings with their features, and the views learned from.
 
-    words, surface_directions: the vocabulary of the surface vectors and their directions; geometry: the views
-    themselves, for alignment. None where surfaces are not compared.
+    words, surface_directions: the vocabulary of the surface vectors and their directions; pair_directions: those of the
+    pairs of points; geometry: the views themselves, for alignment. None where surfaces are not compared.
     """
 
     directions: LeadingDirections
@@ -51,6 +52,7 @@ class StoredViews:
     views: ViewFeatures
     words: SurfaceWords | None = None
     surface_directions: LeadingDirections | None = None
+    pair_directions: LeadingDirections | None = None
     geometry: StoredGeometry | None = None
 
     def __post_init__(self) -> None:
@@ -109,10 +111,11 @@ class StoredViews:
         return self.distance_features.of(distances)
 
     def _surfaces(self, images: Sequence[RangeImage], mirror: bool) -> list[Float32Array]:
-        """Surface vectors along their directions, of views and of their mirror images; none where not compared."""
-        if self.words is None or self.surface_directions is None:
+        """Surface vectors along their directions, of views and mirror images, and pairs; none where not compared."""
+        if self.words is None or self.surface_directions is None or self.pair_directions is None:
             return []
-        return self.surface_directions.along(self.words.features(images, mirror=mirror))
+        sides = self.surface_directions.along(self.words.features(images, mirror=mirror))
+        return [*sides, *self.pair_directions.along([pair_vectors(images)])]
 
 
 def store_views(
@@ -124,9 +127,9 @@ def store_views(
 ) -> StoredViews:
     """Learn the leading directions of the views' codes, and choose landmarks evenly among the views.
 
-    Directions are singular vectors of the codes of views and mirror images, and of the surface vectors where
-    ``words`` are given, rounded to the 16 bits that a file keeps, so that a saved and loaded recogniser gives the
-    same numbers. Partly hidden copies of the views are described for their surfaces alone.
+    Directions are singular vectors of the codes of views and mirror images, and of the surface vectors and the pairs
+    of points where ``words`` are given, rounded to the 16 bits that a file keeps, so that a saved and loaded
+    recogniser gives the same numbers. Partly hidden copies of the views are described for their surfaces alone.
     """
     vectors = code_vectors(encoder, encodings)
     if encoder.settings.mirror:
@@ -142,13 +145,23 @@ def store_views(
     if words is None:
         return StoredViews(directions, landmarks, learned, views)
     mirror = encoder.settings.mirror
-    whole = words.features(images, mirror=mirror)
-    copies = words.features(partial_copies(images), mirror=mirror)
-    surface_directions = LeadingDirections.of(np.concatenate([*whole, *copies]), seed)
-    surfaces = [*surface_directions.along(whole), *surface_directions.along(copies)]
-    views = ViewFeatures(views.straight, views.mirrored, views.landmark, *surfaces)
+    copies = [images, partial_copies(images)]
+    surfaces = [words.features(of, mirror=mirror) for of in copies]
+    pairs = [pair_vectors(of) for of in copies]
+    surface_directions = LeadingDirections.of(
+        np.concatenate([side for sides in surfaces for side in sides]), seed
+    )
+    pair_directions = LeadingDirections.of(np.concatenate(pairs), seed)
+    sides = [
+        side
+        for vectors, of_pairs in zip(surfaces, pairs, strict=True)
+        for side in (*surface_directions.along(vectors), *pair_directions.along([of_pairs]))
+    ]
+    views = ViewFeatures(views.straight, views.mirrored, views.landmark, *sides)
     geometry = StoredGeometry.of(images)
-    return StoredViews(directions, landmarks, learned, views, words, surface_directions, geometry)
+    return StoredViews(
+        directions, landmarks, learned, views, words, surface_directions, pair_directions, geometry
+    )
 
 
 def _code_sides(

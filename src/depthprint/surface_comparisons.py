@@ -11,6 +11,7 @@ import numpy.typing as npt
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.surface_words import SurfaceWords
+from depthprint.surflet_pairs import pair_vectors
 from depthprint.turned_views import TURNS_DEG, turned_copies
 
 __all__ = ["PARTIAL", "TURNED", "VIEWS", "SurfaceComparisons", "SurfaceKernels"]
@@ -107,6 +108,16 @@ class SurfaceComparisons:
         self._turned = False
         # Sums over the kinds of descriptors, size and the others; and how many these are.
         self._sums: dict[bool, tuple[SurfaceKernels, int]] = {}
+        self._paired: Sequence[RangeImage] | None = None
+        self._pairs: SurfaceKernels | None = None
+
+    def pairs(self, images: Sequence[RangeImage], progress: Progress | None = None) -> SurfaceKernels:
+        """Kernels of the pairs of points of views and partial copies, which mirror images have alike."""
+        if self._pairs is None or images is not self._paired:
+            described = [pair_vectors(images, progress), pair_vectors(partial_copies(images))]
+            alike = _kernels([(rows, rows) for rows in described])
+            self._paired, self._pairs = images, SurfaceKernels(*[alike.straight] * 3)
+        return self._pairs
 
     def kernels(
         self,

@@ -190,8 +190,8 @@ def _score(
 def _nearness(
     distances: Sequence[npt.NDArray[np.floating[Any]]], n_views: int
 ) -> npt.NDArray[np.floating[Any]]:
-    """Likeness (m, n) of the stored views by what was compared last, surfaces where there are any."""
-    return -distances[-1][:, :n_views]
+    """Likeness (m, n) of the stored views by their surfaces, by their codes where these alone are compared."""
+    return -distances[min(1, len(distances) - 1)][:, :n_views]
 
 
 def _checked(

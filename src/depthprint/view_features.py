@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,11 @@ class _Sides:
     @cached_property
     def sums(self) -> Float32Array:
         """Unit vectors of the sums of both."""
-        return unit_rows(self.straight + self.mirrored)
+        return self.straight if self._alike else unit_rows(self.straight + self.mirrored)
+
+    @property
+    def _alike(self) -> bool:
+        return self.mirrored is self.straight
 
     @cached_property
     def _columns(self) -> Float32Array:
@@ -43,14 +47,15 @@ class _Sides:
 
     def distances_to(self, stored: _Sides) -> Float32Array:
         """One minus the cosine of the nearer (m, n), of a view or of its mirror image."""
+        sides = [self.straight] if self._alike else [self.straight, self.mirrored]
         if 2 * len(self.straight) <= FEW_ROWS:
-            both = few_products(np.concatenate([self.straight, self.mirrored]), stored._columns)
-            cosine = np.maximum(*np.split(both, 2))
+            products = few_products(np.concatenate(sides), stored._columns)
+            cosine = np.maximum.reduce(np.split(products, len(sides)))
         else:
-            cosine = np.maximum(self.straight @ stored.straight.T, self.mirrored @ stored.straight.T)
+            cosine = np.maximum.reduce([side @ stored.straight.T for side in sides])
         if self is stored:
             cosine = np.maximum(cosine, cosine.T)
-        return np.maximum(1.0 - cosine, 0.0)
+        return np.asarray(np.maximum(1.0 - cosine, 0.0))
 
 
 @dataclass(frozen=True)
@@ -59,8 +64,9 @@ class ViewFeatures:
 
     straight, mirrored: unit pooled codes along the leading directions; ``mirrored`` equals ``straight`` where the
     preset does not mirror. landmark: unit features of the information distance to the landmarks. surface,
-    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared. partial,
-    mirrored_partial: those of partly hidden copies of the views, where these are learned from.
+    mirrored_surface: unit surface vectors along theirs, or None where surfaces are not compared; pairs: those of the
+    pairs of points, which mirror images have alike. partial, mirrored_partial, partial_pairs: those of partly hidden
+    copies of the views, where these are learned from.
     """
 
     straight: Float32Array
@@ -68,8 +74,10 @@ class ViewFeatures:
     landmark: Float32Array
     surface: Float32Array | None = None
     mirrored_surface: Float32Array | None = None
+    pairs: Float32Array | None = None
     partial: Float32Array | None = None
     mirrored_partial: Float32Array | None = None
+    partial_pairs: Float32Array | None = None
 
     def __post_init__(self) -> None:
         for array in (self.straight, self.mirrored, self.landmark, *self._surfaces()):
@@ -80,43 +88,70 @@ class ViewFeatures:
         return len(self.straight)
 
     def _surfaces(self) -> tuple[Float32Array | None, ...]:
-        return self.surface, self.mirrored_surface, self.partial, self.mirrored_partial
+        return (
+            self.surface,
+            self.mirrored_surface,
+            self.pairs,
+            self.partial,
+            self.mirrored_partial,
+            self.partial_pairs,
+        )
 
     @cached_property
     def _codes(self) -> _Sides:
         return _Sides(self.straight, self.mirrored)
 
     @cached_property
-    def _surface_sides(self) -> _Sides | None:
-        if self.surface is None or self.mirrored_surface is None:
+    def _surface_sides(self) -> tuple[_Sides, _Sides] | None:
+        """Surface vectors of the views, and their pairs of points."""
+        if self.surface is None or self.mirrored_surface is None or self.pairs is None:
             return None
-        return _Sides(self.surface, self.mirrored_surface)
+        return _Sides(self.surface, self.mirrored_surface), _Sides(self.pairs, self.pairs)
 
     @cached_property
-    def _with_copies(self) -> _Sides | None:
-        """Surface vectors of the views, then of their partial copies, and those of their mirror images."""
-        if self.partial is None or self.mirrored_partial is None or self._surface_sides is None:
-            return self._surface_sides
-        views = self._surface_sides
-        return _Sides(
-            np.concatenate([views.straight, self.partial]),
-            np.concatenate([views.mirrored, self.mirrored_partial]),
+    def _with_copies(self) -> tuple[_Sides, _Sides] | None:
+        """The same, followed by those of the partial copies."""
+        views, partial, mirrored, pairs = (
+            self._surface_sides,
+            self.partial,
+            self.mirrored_partial,
+            self.partial_pairs,
+        )
+        if views is None or partial is None or mirrored is None or pairs is None:
+            return views
+        surfaces, whole = views
+        joined = np.concatenate([whole.straight, pairs])
+        return (
+            _Sides(
+                np.concatenate([surfaces.straight, partial]), np.concatenate([surfaces.mirrored, mirrored])
+            ),
+            _Sides(joined, joined),
         )
 
     @cached_property
-    def known_surfaces(self) -> Float32Array | None:
-        """Surface vectors of the views, then of their mirror images: what the machine learns from."""
+    def machine_rows(self) -> Float32Array | None:
+        """Surface vectors beside pairs of points, (n, r), as the machine weighs them: alike."""
         if self._surface_sides is None:
             return None
-        return np.concatenate([self._surface_sides.straight, self._surface_sides.mirrored])
+        surfaces, pairs = self._surface_sides
+        return _beside(surfaces.straight, pairs.straight)
+
+    @cached_property
+    def known_to_machine(self) -> Float32Array | None:
+        """The same of the views, then of their mirror images: what the machine learns from."""
+        if self._surface_sides is None:
+            return None
+        surfaces, pairs = self._surface_sides
+        mirrored = _beside(surfaces.mirrored, pairs.mirrored)
+        return np.concatenate([_beside(surfaces.straight, pairs.straight), mirrored])
 
     @property
     def shares(self) -> dict[str, float]:
         """Weights, in the sum of kernels, of what is known of the views."""
-        shares = {name: KERNEL_SHARES[name] for name in ("codes", "complexities")}
+        known = ["codes", "complexities"]
         if self._surface_sides is not None:
-            shares["surfaces"] = KERNEL_SHARES["surfaces"]
-        return shares
+            known += ["surfaces", "pairs"]
+        return {name: KERNEL_SHARES[name] for name in known}
 
     def taken(self, rows: npt.NDArray[np.integer]) -> ViewFeatures:
         """Some of the views."""
@@ -129,9 +164,12 @@ class ViewFeatures:
         return self._codes.sums
 
     @property
-    def surface_sums(self) -> Float32Array | None:
-        """Those of the surface vectors, followed by those of partial copies where these are learned from."""
-        return None if self._with_copies is None else self._with_copies.sums
+    def surface_sums(self) -> tuple[Float32Array, Float32Array] | None:
+        """Those of the surface vectors and of the pairs, followed by those of partial copies where there are any."""
+        if self._with_copies is None:
+            return None
+        surfaces, pairs = self._with_copies
+        return surfaces.sums, pairs.sums
 
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
@@ -140,25 +178,31 @@ class ViewFeatures:
             ViewComparison(self._codes.kernel_with(stored._codes), near[:1]),
             ViewComparison(self.landmark @ stored.landmark.T),
         ]
-        sides, others = self._sides_against(stored)
-        known = stored.known_surfaces
-        if sides is not None and others is not None and known is not None:
-            machine = (known if self is stored else sides.straight) @ known.T
-            parts.append(ViewComparison(sides.kernel_with(others), near[1:], machine))
+        for (sides, others), distances in zip(self._sides_against(stored), near[1:], strict=True):
+            parts.append(ViewComparison(sides.kernel_with(others), (distances,)))
+        known, asked = stored.known_to_machine, self.machine_rows
+        if known is not None and asked is not None:
+            parts[-1] = replace(parts[-1], machine_kernel=(known if self is stored else asked) @ known.T)
         return fused_comparison(parts, list(self.shares.values()))
 
     def distances_to(self, stored: ViewFeatures) -> tuple[Float32Array, ...]:
-        """Distances (m, n) to other views by their codes, and (m, k n) by surfaces where these are compared."""
-        near = self._codes.distances_to(stored._codes)
-        sides, others = self._sides_against(stored)
-        return (near,) if sides is None or others is None else (near, sides.distances_to(others))
+        """Distances (m, n) to other views by codes; and (m, k n) by surfaces and by pairs where these are compared."""
+        surfaces = (sides.distances_to(others) for sides, others in self._sides_against(stored))
+        return (self._codes.distances_to(stored._codes), *surfaces)
 
-    def _sides_against(self, stored: ViewFeatures) -> tuple[_Sides | None, _Sides | None]:
+    def _sides_against(self, stored: ViewFeatures) -> list[tuple[_Sides, _Sides]]:
         """Surfaces to compare: among themselves views have all copies; others ask for none of theirs."""
         sides = self._with_copies if self is stored else self._surface_sides
-        if sides is not None and stored._with_copies is None:
+        if sides is None:
+            return []
+        if stored._with_copies is None:
             raise DataError("views: expected stored views with surface vectors, got some without")
-        return sides, stored._with_copies
+        return list(zip(sides, stored._with_copies, strict=True))
+
+
+def _beside(surfaces: Float32Array, pairs: Float32Array) -> Float32Array:
+    """Unit rows of both, of equal weight in products."""
+    return np.concatenate([surfaces, pairs], axis=1) * np.float32(0.5**0.5)
 
 
 def few_products(rows: Float32Array, matrix: Float32Array) -> Float32Array:

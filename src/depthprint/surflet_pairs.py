@@ -1,0 +1,57 @@
+"""Surflet pairs: the shape of a surface by its pairs of points, whatever way it is turned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from depthprint.range_image import RangeImage
+
+if TYPE_CHECKING:
+    from depthprint._kernels.surface_alignment import SeenSurface
+
+__all__ = ["N_PAIR_FEATURES", "pair_features", "pair_vectors"]
+
+Float32Array = npt.NDArray[np.float32]
+Progress = Callable[[int, int], None]
+
+# Ends of the scale of lengths: in metres, and in sizes of the object (root mean square distance from its middle).
+_METRES = (0.005, 0.4)
+_SIZES = (0.06, 4.0)
+N_PAIR_FEATURES = 2 * 3 * 10 * 15 * 3
+
+
+def pair_features(surface: SeenSurface) -> Float32Array:
+    """Unit vector (N_PAIR_FEATURES,) of the pairs of a surface's points.
+
+    Roots of two histograms: of how far apart two points are in metres, or in sizes of the object, with the angles
+    between their normals and the line between them, that between the normals, and whether halfway between them is
+    behind the surface seen, before it, or beside it. Mirror images have the same vector.
+    Source: Wahl, Hillenbrand and Hirzinger, 3DIM 2003 (surflet pairs); halfway points in the manner of Wohlkinger and
+    Vincze, ROBIO 2011 (ensemble of shape functions).
+    """
+    from depthprint._kernels.surflet_pairs import pair_histograms
+
+    shortest, longest = (
+        np.array([metres, sizes * surface.size]) for metres, sizes in zip(_METRES, _SIZES, strict=True)
+    )
+    counts = pair_histograms(surface, shortest, longest)
+    return np.asarray(np.sqrt(counts / max(float(counts.sum()), 1.0)).ravel(), dtype=np.float32)
+
+
+def pair_vectors(images: Sequence[RangeImage], progress: Progress | None = None) -> Float32Array:
+    """Vectors (n, N_PAIR_FEATURES) of pinhole crops in metres; raises as ``object_surface`` does."""
+    from depthprint._kernels.blocks import for_blocks
+    from depthprint.object_surface import object_surface
+
+    rows = np.empty((len(images), N_PAIR_FEATURES), dtype=np.float32)
+
+    def block(start: int, stop: int) -> None:
+        for number in range(start, stop):
+            rows[number] = pair_features(object_surface(images[number]))
+
+    for_blocks(len(images), 8, block, progress)
+    return rows
