@@ -218,7 +218,7 @@ def test_describing_beside_the_encoding_gives_what_describing_after_it_gives(rec
     images = [image for _, image in views[1:4]]
     stored, encoder = recogniser.stored, recogniser.encoder
     after = stored.describe(encoder, encoder.describe_many(images), images)
-    beside = stored.encode_and_describe(encoder, images)
+    beside, _ = stored.encode_and_describe(encoder, images)
     for name in ("straight", "mirrored", "landmark", "surface", "mirrored_surface"):
         np.testing.assert_array_equal(getattr(beside, name), getattr(after, name))
 

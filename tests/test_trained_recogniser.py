@@ -78,7 +78,7 @@ def test_answers_are_the_same_to_the_bit_on_any_threads(recogniser, views, monke
         found = list(
             callers.map(lambda i: recogniser.stored.encode_and_describe(recogniser.encoder, [i]), asked)
         )
-    for one, other in zip(found, known, strict=True):
+    for (one, _), other in zip(found, known, strict=True):
         for name in ("straight", "mirrored", "landmark", "surface", "mirrored_surface", "pairs"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
@@ -198,7 +198,7 @@ def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views
     images = [image for _, image in queries(views)][:n_queries]
     stored = recogniser.stored.views
     fused = FusedRecogniser().fit(stored.compared_with(stored), recogniser.view_labels)
-    asked = recogniser.stored.encode_and_describe(recogniser.encoder, images)
+    asked, _ = recogniser.stored.encode_and_describe(recogniser.encoder, images)
     expected = asked.compared_with(stored)
     found = ClassDirections.of(stored, fused).scores(asked)
     np.testing.assert_allclose(found[0], fused._discriminant.scores(expected.kernel), rtol=0, atol=1e-4)

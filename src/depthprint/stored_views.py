@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +17,17 @@ from depthprint.errors import DataError
 from depthprint.leading_directions import LeadingDirections
 from depthprint.object_distances import compare_complexities, compare_with_batches, signature_batches
 from depthprint.object_kernels import DistanceFeatures, code_vectors, mirrored_encodings
+from depthprint.object_surface import object_surface
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.stored_geometry import StoredGeometry
 from depthprint.surface_words import SurfaceWords
-from depthprint.surflet_pairs import pair_vectors
+from depthprint.surflet_pairs import pair_features, pair_vectors
 from depthprint.view_features import ViewFeatures
+
+if TYPE_CHECKING:
+    from depthprint._kernels.surface_alignment import SeenSurface
 
 __all__ = [
     "MAX_LANDMARKS",
@@ -70,17 +75,21 @@ class StoredViews:
     ) -> ViewFeatures:
         """Bring images, encoded by the same encoder, into the form of the stored views."""
         codes = self._codes(encoder, encodings)
-        return ViewFeatures(*codes, *self._surfaces(images, encoder.settings.mirror))
+        return ViewFeatures(*codes, *self._surfaces(images, self._seen(images), encoder.settings.mirror))
 
-    def encode_and_describe(self, encoder: Encoder, images: Sequence[RangeImage]) -> ViewFeatures:
-        """``describe`` of images that are still to be encoded: codes and surfaces side by side, given two threads.
+    def encode_and_describe(
+        self, encoder: Encoder, images: Sequence[RangeImage]
+    ) -> tuple[ViewFeatures, list[SeenSurface]]:
+        """``describe`` of images that are still to be encoded, and what is seen of each where surfaces are compared.
 
-        Whichever thread is done first goes on with what is made of the codes, so that both end at nearly one time.
+        Codes and surfaces are made side by side, given two threads. Whichever is done first goes on with what is made
+        of the codes, so that both end at nearly one time.
         """
         from depthprint._kernels.tasks import run_tasks
 
         encoded: Future[list[Encoding]] = Future()
         found: dict[str, list[Float32Array]] = {}
+        seen: list[SeenSurface] = []
 
         def encode() -> None:
             try:
@@ -90,7 +99,8 @@ class StoredViews:
                 raise
 
         def surfaces() -> None:
-            found["surfaces"] = self._surfaces(images, encoder.settings.mirror)
+            seen.extend(self._seen(images))
+            found["surfaces"] = self._surfaces(images, seen, encoder.settings.mirror)
 
         def landmarks() -> None:
             found["landmarks"] = [self._landmark_features(encoder, encoded.result())]
@@ -99,7 +109,7 @@ class StoredViews:
             found["sides"] = _code_sides(encoder, encoded.result(), self.directions)
 
         run_tasks([encode, surfaces, landmarks, sides])
-        return ViewFeatures(*found["sides"], *found["landmarks"], *found["surfaces"])
+        return ViewFeatures(*found["sides"], *found["landmarks"], *found["surfaces"]), seen
 
     def _codes(self, encoder: Encoder, encodings: Sequence[Encoding]) -> list[Float32Array]:
         """Codes along their directions, of views and of their mirror images, and features of landmark distances."""
@@ -110,12 +120,18 @@ class StoredViews:
         distances = compare_with_batches(encoder, encodings, self._landmark_batches)
         return self.distance_features.of(distances)
 
-    def _surfaces(self, images: Sequence[RangeImage], mirror: bool) -> list[Float32Array]:
+    def _seen(self, images: Sequence[RangeImage]) -> list[SeenSurface]:
+        return [] if self.words is None else [object_surface(image) for image in images]
+
+    def _surfaces(
+        self, images: Sequence[RangeImage], seen: Sequence[SeenSurface], mirror: bool
+    ) -> list[Float32Array]:
         """Surface vectors along their directions, of views and mirror images, and pairs; none where not compared."""
         if self.words is None or self.surface_directions is None or self.pair_directions is None:
             return []
         sides = self.surface_directions.along(self.words.features(images, mirror=mirror))
-        return [*sides, *self.pair_directions.along([pair_vectors(images)])]
+        pairs = np.stack([pair_features(surface) for surface in seen])
+        return [*sides, *self.pair_directions.along([pairs])]
 
 
 def store_views(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,9 @@ from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.stored_geometry import StoredGeometry
 from depthprint.stored_views import StoredViews, store_views
 from depthprint.surface_words import SurfaceWords
+
+if TYPE_CHECKING:
+    from depthprint._kernels.surface_alignment import SeenSurface
 
 __all__ = ["Recognition", "TrainedRecogniser"]
 
@@ -127,14 +130,14 @@ class TrainedRecogniser:
             return self._recognised(images)
 
     def _recognised(self, images: Sequence[RangeImage]) -> Recognition:
-        features = self.stored.encode_and_describe(self.encoder, images)
+        features, seen = self.stored.encode_and_describe(self.encoder, images)
         near, labels = features.distances_to(self.stored.views), self.labels
         distances = near[0]
         scores = _checked(
             self.learned.scores(features, near),
             np.arange(len(labels)),
             self.stored.geometry,
-            images,
+            seen.__getitem__,
             self._classes,
             _nearness(near, len(self.sources)),
         ).mean(axis=0)
@@ -179,7 +182,7 @@ def _score(
         fused.scores(comparison),
         fused.labels,
         kept.geometry,
-        [images[k] for k in test],
+        lambda query: object_surface(images[test[query]]),
         labels,
         _nearness(comparison.distances, len(train)),
         train,
@@ -198,17 +201,20 @@ def _checked(
     scores: FloatArray,
     labels: npt.NDArray[Any],
     geometry: StoredGeometry | None,
-    images: Sequence[RangeImage],
+    seen: Callable[[int], SeenSurface],
     view_labels: npt.NDArray[Any],
     nearness: npt.NDArray[np.floating[Any]],
     numbers: IntArray | None = None,
 ) -> FloatArray:
-    """Scores (m, c) with what the alignment of each image says; ``numbers`` of the stored views, None: as they are."""
+    """Scores (m, c) with what the alignment of what is ``seen`` of each query says.
+
+    numbers: of the stored views in ``geometry``, None: as they are.
+    """
     if geometry is None:
         return scores
 
     def agreements_with(query: int, views: IntArray) -> FloatArray:
         kept = [geometry.surface(int(k)) for k in (views if numbers is None else numbers[views])]
-        return aligned_agreements(object_surface(images[query]), kept)
+        return aligned_agreements(seen(query), kept)
 
     return checked_scores(scores, labels, view_labels, nearness, agreements_with, AGREEMENT_WEIGHT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -187,8 +187,17 @@ class ViewFeatures:
 
     def distances_to(self, stored: ViewFeatures) -> tuple[Float32Array, ...]:
         """Distances (m, n) to other views by codes; and (m, k n) by surfaces and by pairs where these are compared."""
-        surfaces = (sides.distances_to(others) for sides, others in self._sides_against(stored))
-        return (self._codes.distances_to(stored._codes), *surfaces)
+        from depthprint._kernels.tasks import run_tasks
+
+        compared = [(self._codes, stored._codes), *self._sides_against(stored)]
+        near: dict[int, Float32Array] = {}
+
+        def compare(number: int) -> None:
+            sides, others = compared[number]
+            near[number] = sides.distances_to(others)
+
+        run_tasks([partial(compare, number) for number in range(len(compared))])
+        return tuple(near[number] for number in range(len(compared)))
 
     def _sides_against(self, stored: ViewFeatures) -> list[tuple[_Sides, _Sides]]:
         """Surfaces to compare: among themselves views have all copies; others ask for none of theirs."""
