@@ -22,19 +22,15 @@ FEW_ROWS = 8
 
 @dataclass(frozen=True)
 class _Sides:
-    """Unit vectors (n, r) of views and of their mirror images."""
+    """Unit vectors (n, r) of views, and of their mirror images, None where these always have the same ones."""
 
     straight: Float32Array
-    mirrored: Float32Array
+    mirrored: Float32Array | None
 
     @cached_property
     def sums(self) -> Float32Array:
         """Unit vectors of the sums of both."""
-        return self.straight if self._alike else unit_rows(self.straight + self.mirrored)
-
-    @property
-    def _alike(self) -> bool:
-        return self.mirrored is self.straight
+        return self.straight if self.mirrored is None else unit_rows(self.straight + self.mirrored)
 
     @cached_property
     def _columns(self) -> Float32Array:
@@ -47,7 +43,7 @@ class _Sides:
 
     def distances_to(self, stored: _Sides) -> Float32Array:
         """One minus the cosine of the nearer (m, n), of a view or of its mirror image."""
-        sides = [self.straight] if self._alike else [self.straight, self.mirrored]
+        sides = [self.straight] if self.mirrored is None else [self.straight, self.mirrored]
         if 2 * len(self.straight) <= FEW_ROWS:
             products = few_products(np.concatenate(sides), stored._columns)
             cosine = np.maximum.reduce(np.split(products, len(sides)))
@@ -106,44 +102,36 @@ class ViewFeatures:
         """Surface vectors of the views, and their pairs of points."""
         if self.surface is None or self.mirrored_surface is None or self.pairs is None:
             return None
-        return _Sides(self.surface, self.mirrored_surface), _Sides(self.pairs, self.pairs)
+        return _Sides(self.surface, self.mirrored_surface), _Sides(self.pairs, None)
 
     @cached_property
     def _with_copies(self) -> tuple[_Sides, _Sides] | None:
         """The same, followed by those of the partial copies."""
-        views, partial, mirrored, pairs = (
-            self._surface_sides,
-            self.partial,
-            self.mirrored_partial,
-            self.partial_pairs,
-        )
-        if views is None or partial is None or mirrored is None or pairs is None:
-            return views
-        surfaces, whole = views
-        joined = np.concatenate([whole.straight, pairs])
-        return (
-            _Sides(
-                np.concatenate([surfaces.straight, partial]), np.concatenate([surfaces.mirrored, mirrored])
-            ),
-            _Sides(joined, joined),
-        )
+        copies = self.partial, self.mirrored_partial, self.partial_pairs
+        views = self.surface, self.mirrored_surface, self.pairs
+        joined = [
+            np.concatenate([view, copy])
+            for view, copy in zip(views, copies, strict=True)
+            if view is not None and copy is not None
+        ]
+        if len(joined) < len(copies):
+            return self._surface_sides
+        straight, mirrored, pairs = joined
+        return _Sides(straight, mirrored), _Sides(pairs, None)
 
     @cached_property
     def machine_rows(self) -> Float32Array | None:
         """Surface vectors beside pairs of points, (n, r), as the machine weighs them: alike."""
-        if self._surface_sides is None:
+        if self.surface is None or self.pairs is None:
             return None
-        surfaces, pairs = self._surface_sides
-        return _beside(surfaces.straight, pairs.straight)
+        return _beside(self.surface, self.pairs)
 
     @cached_property
     def known_to_machine(self) -> Float32Array | None:
         """The same of the views, then of their mirror images: what the machine learns from."""
-        if self._surface_sides is None:
+        if self.machine_rows is None or self.mirrored_surface is None or self.pairs is None:
             return None
-        surfaces, pairs = self._surface_sides
-        mirrored = _beside(surfaces.mirrored, pairs.mirrored)
-        return np.concatenate([_beside(surfaces.straight, pairs.straight), mirrored])
+        return np.concatenate([self.machine_rows, _beside(self.mirrored_surface, self.pairs)])
 
     @property
     def shares(self) -> dict[str, float]:
