@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
+from depthprint.evaluation.memory import machine_bytes, require_room_for_pairs
 from depthprint.evaluation.object_methods import PrecomputedDistanceMethod
 from depthprint.evaluation.object_queries import turn_queries
 from depthprint.evaluation.object_splits import (
@@ -306,3 +307,50 @@ def test_published_trials_are_followed_and_untested_objects_do_not_count():
     assert {row[1] for row in rows if row[header.index("depth")] is None} == {"a_2", "a_3", "b_1"}
     with pytest.raises(DataError, match="trial 1"):
         named_trials(objects.views, [("nobody",)])
+
+
+class WithoutPairs:
+    """Answers with what it was trained on last."""
+
+    name, us_per_pair = "last", float("nan")
+
+    def prepare(self, images, progress=None):
+        pass
+
+    def predict(self, train, train_labels, test):
+        return np.repeat(train_labels[-1:], len(test))
+
+
+def test_more_views_than_can_be_compared_in_pairs_are_refused_before_any_is_read(monkeypatch):
+    def never_read(view):
+        raise AssertionError("read")
+
+    method = by_depth()
+    room = int(method.bytes_per_pair * 40**2)
+    views = ObjectSet("made", views_of({"a": 3, "b": 4}), never_read, ELEVATIONS, simulated=True)
+    monkeypatch.setattr("depthprint.evaluation.objects.machine_bytes", lambda: room)
+    with pytest.raises(DataError, match=r"made: 42 views are too many for method 'depth'.* 40 or fewer"):
+        evaluate_objects(views, [method])
+    with pytest.raises(DataError, match=r"take one view in 3 "):
+        require_room_for_pairs("made", [WithoutPairs(), method], 82, room)
+    require_room_for_pairs("made", [WithoutPairs(), method], 40, room)
+    require_room_for_pairs("made", [WithoutPairs()], 10**9, room)
+    require_room_for_pairs("made", [method], 10**9, None)
+
+
+def test_a_machine_knows_its_memory_or_says_so(monkeypatch):
+    import os
+
+    found = machine_bytes()
+    assert found is None or found > 1e8
+    monkeypatch.delattr(os, "sysconf", raising=False)
+    assert machine_bytes() is None
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("recogniser", 400), ("emd", 16), ("pixel-l2", 8), ("only-pairs", 400)]
+)
+def test_methods_that_compare_pairs_say_what_it_takes(name, least):
+    from depthprint.object_methods import make_object_method
+
+    assert make_object_method(name, "object").bytes_per_pair >= least

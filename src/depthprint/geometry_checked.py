@@ -80,6 +80,11 @@ class GeometryChecked:
         self.agreements = ViewAgreements() if agreements is None else agreements
         self._weight = weight
 
+    @property
+    def bytes_per_pair(self) -> float:
+        """That of the method that proposes; 0 where it compares no pairs."""
+        return float(getattr(self.proposer, "bytes_per_pair", 0.0))
+
     def prepare(self, images: Sequence[RangeImage], progress: Progress | None = None) -> None:
         """Let the proposer see all views; surfaces are made of those that are aligned."""
         self.proposer.prepare(images, progress)

@@ -80,6 +80,11 @@ class PrecomputedDistanceMethod:
         self._distances: npt.NDArray[np.floating[Any]] | None = None
 
     @property
+    def bytes_per_pair(self) -> float:
+        """Memory at its peak over the square of the number of views: the distances, and a copy or two of them."""
+        return 24.0
+
+    @property
     def distances(self) -> npt.NDArray[np.floating[Any]]:
         """The (n, n) matrix, read-only; DataError before ``prepare``."""
         if self._distances is None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from depthprint.datasets.base import ObjectSet, ObjectView
 from depthprint.errors import DataError, SettingsError
+from depthprint.evaluation.memory import machine_bytes, require_room_for_pairs
 from depthprint.evaluation.metrics import Interval
 from depthprint.evaluation.object_methods import ObjectMethod, ScoringMethod
 from depthprint.evaluation.object_queries import turn_queries
@@ -181,7 +182,8 @@ def evaluate_objects(
     ``frames`` takes those views of each turn only. All views are read once and given to each method's
     ``prepare``; ``progress`` counts the methods' own work one method after the other. Instance accuracy is
     over all tested views, NaN where the set has no views at the elevations needed.
-    Raises DataError for sets that the protocol cannot be run on, or labels of a wrong kind from a method;
+    Raises DataError for sets that the protocol cannot be run on, more views than this machine can compare in pairs,
+    or labels of a wrong kind from a method;
     SettingsError for methods of one name, and for queries of several views to a method without ``scores``.
     """
     if not methods or len({m.name for m in methods}) != len(methods):
@@ -201,6 +203,8 @@ def evaluate_objects(
     unseen = set(instance_of[test].tolist()) - set(instance_of[train].tolist())
     if len(train) and unseen:
         raise DataError(f"{objects.name}: object {names[min(unseen)]} is tested but has no view to train on")
+    n_images = len(views) * (2 if protocol.hidden else 1)
+    require_room_for_pairs(objects.name, methods, n_images, machine_bytes())
     images = [objects.read(view) for view in views]
     if protocol.hidden:
         images += [
