@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.svm import LinearSVC
 
-from depthprint.discriminant import KernelDiscriminant
+from depthprint.baselines.linear_svm import GramSvm, linear_directions
+from depthprint.discriminant import KernelDiscriminant, discriminant_directions
 from depthprint.errors import DataError, ModelError, SettingsError
 from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures, unit_rows
@@ -160,3 +161,30 @@ def test_the_machine_adds_its_standardised_margins():
     np.testing.assert_allclose(together.scores(asked), expected, atol=0.05)
     with pytest.raises(DataError, match="machine kernel"):
         together.scores(ViewComparison(asked.kernel))
+
+
+def test_directions_of_vectors_give_the_scores_of_their_kernel():
+    x, labels = blobs(8)
+    asked, _ = blobs(9)
+    kernel = KernelDiscriminant(0.3).fit(x @ x.T, labels)
+    classes, numbers = np.unique(labels, return_inverse=True)
+    directions, offsets = discriminant_directions(x, numbers, 0.3)
+    assert directions.shape == (x.shape[1], len(classes))
+    np.testing.assert_allclose(asked @ directions + offsets, kernel.scores(asked @ x.T), rtol=1e-6, atol=1e-6)
+
+
+def test_the_machine_of_many_vectors_is_at_least_as_near_its_optimum_as_that_of_their_products():
+    for n_classes in (2, 4):
+        x, labels = blobs(10)
+        keep = labels < n_classes
+        x, labels = unit_rows(x[keep]).astype(np.float64), labels[keep]
+        signs = np.where(labels[:, None] == np.arange(n_classes), 1, -1)
+
+        def loss(directions, x=x, signs=signs):
+            errors = np.maximum(1 - signs * (x @ directions), 0)
+            return (directions**2).sum(axis=0) / 2 + 40 * (errors**2).sum(axis=0)
+
+        pairs = GramSvm(40.0).fit((x @ x.T).astype(np.float32), labels)
+        found = linear_directions(x, labels, 40.0)
+        assert found.shape == (x.shape[1], n_classes)
+        assert (loss(found) <= 1.002 * loss(x.T @ pairs.multipliers)).all()

@@ -12,12 +12,18 @@ from depthprint.class_directions import ClassDirections
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 from depthprint.io.archive import read_archive, write_archive
+from depthprint.leading_directions import LeadingDirections
 from depthprint.learned_classes import LearnedClasses
+from depthprint.object_methods import make_object_method
 from depthprint.object_recogniser import SHRINKAGE, FusedRecogniser
+from depthprint.partial_views import partial_copies
 from depthprint.place_methods import load_shipped_encoder
 from depthprint.recogniser_calibration import Calibration, calibrate
 from depthprint.recogniser_file import FORMAT, FORMAT_VERSION
 from depthprint.simulation.objects import simulated_objects
+from depthprint.stored_views import store_views
+from depthprint.surface_words import SurfaceWords
+from depthprint.surflet_pairs import pair_vectors
 from depthprint.trained_recogniser import TrainedRecogniser
 
 N_CATEGORIES = 5
@@ -286,3 +292,58 @@ def test_two_classes_are_too_few_to_learn_the_unknown():
     calibration = calibrate(noisy_scorer(0.1)(positions), labels, np.arange(16), 0)
     assert calibration.novelty is None
     assert calibration.probabilities(np.array([1.0, 0.0]), 9.0)[1] == 0.0
+
+
+def test_many_views_are_learned_from_without_all_pairs_and_answer_alike(recogniser, views, monkeypatch):
+    kept = recogniser.stored.views
+    monkeypatch.setattr("depthprint.learned_classes.MOST_IN_PAIRS", 0)
+    monkeypatch.setattr("depthprint.view_features._BLOCK_ROWS", 7)
+    many = LearnedClasses.fit(kept, recogniser.view_labels)
+    for alone, among in zip(many.joined.scales, recogniser.learned.joined.scales, strict=True):
+        np.testing.assert_allclose(alone, among, rtol=0, atol=1e-6)
+    asked, _ = recogniser.stored.encode_and_describe(
+        recogniser.encoder, [image for _, image in queries(views)]
+    )
+    found, expected = many.directions.scores(asked), recogniser.learned.directions.scores(asked)
+    np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=1e-3 * expected[0].std())
+    # The machine of pairs stops short of its optimum.
+    assert np.corrcoef(found[1].ravel(), expected[1].ravel())[0, 1] > 0.99
+    near = asked.distances_to(kept)
+    labels = [learned.scores(asked, near).argmax(axis=1) for learned in (many, recogniser.learned)]
+    np.testing.assert_array_equal(*labels)
+
+
+def test_views_are_described_in_blocks_where_there_are_many(views, monkeypatch):
+    encoder = load_shipped_encoder("object")
+    images = [image for _, image in views[:11]]
+    encodings = encoder.describe_many(images)
+    words = SurfaceWords.load()
+    monkeypatch.setattr("depthprint.stored_views.DESCRIBED_AT_ONCE", 4)
+    kept = store_views(encoder, encodings, images, 0, words)
+    of_views, of_copies = (words.features(of) for of in (images, partial_copies(images)))
+    chosen = [0, 3, 6, 10]
+    vectors = np.concatenate([side[chosen] for side in (*of_views, *of_copies)])
+    directions = LeadingDirections.of(vectors, 0)
+    np.testing.assert_allclose(kept.surface_directions.matrix(), directions.matrix(), rtol=0, atol=1e-3)
+    expected = kept.surface_directions.along([*of_views, *of_copies])
+    found = (getattr(kept.views, n) for n in ("surface", "mirrored_surface", "partial", "mirrored_partial"))
+    for some, all_ in zip(found, expected, strict=True):
+        np.testing.assert_allclose(some, all_, rtol=0, atol=1e-5)
+    expected = kept.pair_directions.along([pair_vectors(of) for of in (images, partial_copies(images))])
+    for some, all_ in zip((kept.views.pairs, kept.views.partial_pairs), expected, strict=True):
+        np.testing.assert_allclose(some, all_, rtol=0, atol=1e-5)
+
+
+def test_the_saved_recogniser_is_a_method_of_the_table(views):
+    method = make_object_method("recogniser-saved", "object")
+    with pytest.raises(DataError, match="prepare"):
+        method.scores(np.arange(2), np.arange(2), np.arange(2))
+    method.prepare([image for _, image in views])
+    numbers = np.array([int(v.category.removeprefix("shape")) for v, _ in views])
+    third = np.array([v.instance.endswith("_3") for v, _ in views])
+    train, test = np.flatnonzero(~third), np.flatnonzero(third)
+    scores, labels = method.scores(train, numbers[train], test)
+    assert scores.shape == (len(test), len(labels))
+    found = method.predict(train, numbers[train], test)
+    np.testing.assert_array_equal(found, labels[scores.argmax(axis=1)])
+    assert np.mean(found == numbers[test]) >= 0.75

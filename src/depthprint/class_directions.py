@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.object_recogniser import FusedRecogniser
+from depthprint.baselines.linear_svm import linear_directions
+from depthprint.discriminant import discriminant_directions
+from depthprint.object_recogniser import MACHINE_C, SHRINKAGE, FusedRecogniser
 from depthprint.view_features import ViewFeatures
 
 __all__ = ["ClassDirections"]
@@ -45,8 +49,8 @@ class ClassDirections:
         total = sum(stored.shares.values())
         shares = {name: share / total for name, share in stored.shares.items()}
         surfaces, pairs, machine = None, None, None
-        if stored.surface_sums is not None:
-            of_surfaces, of_pairs = stored.surface_sums
+        if stored.learned_sums is not None:
+            of_surfaces, of_pairs = stored.learned_sums
             surfaces = shares["surfaces"] * (of_surfaces.T @ weights)
             pairs = shares["pairs"] * (of_pairs.T @ weights)
         known = stored.known_to_machine
@@ -61,6 +65,21 @@ class ClassDirections:
             offsets,
         )
 
+    @classmethod
+    def learned(cls, stored: ViewFeatures, numbers: npt.NDArray[np.integer[Any]]) -> ClassDirections:
+        """The same from the vectors of the stored views and the number of each one's class, without all pairs of them.
+
+        Raises ConvergenceError where the machine does not come near its optimum.
+        """
+        rows, splits, weights = _weighed_rows(stored)
+        copies = len(rows) // len(stored)
+        directions, offsets = discriminant_directions(rows, np.tile(numbers, copies), SHRINKAGE)
+        parts = [weight * part for weight, part in zip(weights, np.split(directions, splits), strict=True)]
+        surfaces, pairs = parts[2:] if len(parts) > 2 else (None, None)
+        known = stored.known_to_machine
+        machine = None if known is None else linear_directions(known, np.tile(numbers, 2), MACHINE_C)
+        return cls(parts[0], parts[1], surfaces, pairs, machine, offsets)
+
     def scores(self, views: ViewFeatures) -> tuple[FloatArray, FloatArray | None]:
         """Scores (m, c) of views by the discriminant, and by the machine where there is one."""
         total = views.code_sums @ self.codes + views.landmark @ self.complexities + self.offsets
@@ -69,3 +88,16 @@ class ClassDirections:
             return total, None
         total = total + sums[0] @ self.surfaces + sums[1] @ self.pairs
         return total, None if self.machine is None else np.asarray(rows @ self.machine)
+
+
+def _weighed_rows(stored: ViewFeatures) -> tuple[FloatArray, list[int], list[float]]:
+    """Rows whose products are the fused kernel; where its parts begin after the first, and the weights in them."""
+    total = sum(stored.shares.values())
+    weights = [math.sqrt(share / total) for share in stored.shares.values()]
+    parts = [stored.code_sums, stored.landmark, *(stored.learned_sums or ())]
+    n_rows = max(map(len, parts))
+    rows = [
+        weight * np.tile(part.astype(np.float64), (n_rows // len(part), 1))
+        for weight, part in zip(weights, parts, strict=True)
+    ]
+    return np.concatenate(rows, axis=1), np.cumsum([part.shape[1] for part in parts])[:-1].tolist(), weights

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from depthprint.errors import DataError, ModelError, SettingsError
 
-__all__ = ["KernelDiscriminant"]
+__all__ = ["KernelDiscriminant", "discriminant_directions"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -75,3 +75,28 @@ class KernelDiscriminant:
                 f"KernelDiscriminant: expected kernel values (m, {len(self.weights)}), got {values.shape}"
             )
         return np.asarray(values @ self.weights + self.offsets)
+
+
+def discriminant_directions(
+    rows: npt.NDArray[np.floating[Any]], numbers: npt.NDArray[np.integer[Any]], shrinkage: float
+) -> tuple[FloatArray, FloatArray]:
+    """The same from vectors (n, d) themselves: directions (d, c) and offsets (c,), of which scores are the products.
+
+    numbers (n,): the class of each row, 0 to c - 1, each there. Memory goes with n and with d squared, that of a
+    kernel with n squared.
+    """
+    from scipy.linalg import solve
+
+    values = np.asarray(rows, dtype=np.float64)
+    n, d = values.shape
+    counts = np.bincount(numbers)
+    means = np.zeros((len(counts), d))
+    np.add.at(means, numbers, values)
+    means /= counts[:, None]
+    within = values - means[numbers]
+    spread = within.T @ within / n
+    lengths = float(np.einsum("ij,ij->", values, values))
+    ridge = shrinkage * max(float(np.trace(spread)), 1e-6 * lengths / n) / n
+    spread[np.diag_indices(d)] += ridge
+    directions = solve(spread, means.T, assume_a="pos")
+    return np.asarray(directions), -0.5 * (means.T * directions).sum(axis=0)

@@ -11,12 +11,15 @@ import numpy.typing as npt
 
 from depthprint.class_directions import ClassDirections
 from depthprint.errors import DataError
-from depthprint.object_recogniser import FusedRecogniser, JoinedScores
+from depthprint.object_recogniser import LOCAL_SCALING, FusedRecogniser, JoinedScores
 from depthprint.view_features import ViewFeatures
 
-__all__ = ["LearnedClasses"]
+__all__ = ["MOST_IN_PAIRS", "LearnedClasses"]
 
 FloatArray = npt.NDArray[np.float64]
+
+# Pairs of so many views take 1 GB to compare.
+MOST_IN_PAIRS = 2000
 
 _SCALES = "neighbour_scales_"
 _DIRECTIONS = ("codes", "complexities", "surfaces", "pairs", "machine", "offsets")
@@ -31,8 +34,16 @@ class LearnedClasses:
     joined: JoinedScores
 
     @classmethod
-    def fit(cls, stored: ViewFeatures, labels: Sequence[str]) -> LearnedClasses:
-        """Learn from how the stored views compare among themselves, and their labels (n,)."""
+    def fit(cls, stored: ViewFeatures, labels: Sequence[str] | npt.NDArray[Any]) -> LearnedClasses:
+        """Learn from how the stored views compare among themselves, and their labels (n,).
+
+        More than MOST_IN_PAIRS are not compared in all pairs: the same is then learned from their vectors.
+        """
+        if len(stored) > MOST_IN_PAIRS:
+            classes, numbers = np.unique(np.asarray(labels), return_inverse=True)
+            scales = stored.neighbour_scales(min(LOCAL_SCALING, len(stored) - 1))
+            joined = JoinedScores.of_scales(scales, np.asarray(labels))
+            return cls(classes, ClassDirections.learned(stored, numbers), joined)
         fused = FusedRecogniser().fit(stored.compared_with(stored), np.asarray(labels))
         return cls(fused.labels, ClassDirections.of(stored, fused), fused.joined)
 

@@ -87,6 +87,12 @@ def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
     return GeometryChecked(name, EncodedRecogniser(name, ObjectComparisons(encoder)), AGREEMENT_WEIGHT)
 
 
+def _saved(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.saved_recogniser_method import SavedRecogniserMethod
+
+    return SavedRecogniserMethod(name, encoder)
+
+
 def _no_geometry(name: str, encoder: Encoder) -> ObjectMethod:
     return _fused(name, encoder)
 
@@ -177,6 +183,7 @@ def _sparse_pyramid(name: str, encoder: Encoder) -> ObjectMethod:
 
 OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "recogniser": _recogniser,
+    "recogniser-saved": _saved,
     "no-geometry": _no_geometry,
     "emd": _emd,
     "emd-svm": _emd_svm,

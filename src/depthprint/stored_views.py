@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -37,10 +37,13 @@ __all__ = [
 ]
 
 Float32Array = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
 
 MAX_LANDMARKS = 48
 # Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
 MAX_LANDMARKS_BESIDE_SURFACES = 24
+# Long vectors of so many views, of their copies and mirror images take 1 GB.
+DESCRIBED_AT_ONCE = 3000
 
 
 @dataclass(frozen=True)
@@ -147,45 +150,77 @@ def store_views(
     of points where ``words`` are given, rounded to the 16 bits that a file keeps, so that a saved and loaded
     recogniser gives the same numbers. Partly hidden copies of the views are described for their surfaces alone.
     """
-    vectors = code_vectors(encoder, encodings)
-    if encoder.settings.mirror:
-        vectors = np.concatenate([vectors, code_vectors(encoder, mirrored_encodings(encodings))])
-    directions = LeadingDirections.of(vectors, seed)
     most = MAX_LANDMARKS if words is None else MAX_LANDMARKS_BESIDE_SURFACES
-    chosen = np.unique(np.linspace(0, len(encodings) - 1, most).astype(np.int64))
-    landmarks = tuple(encodings[int(k)] for k in chosen)
+    landmarks = tuple(encodings[int(k)] for k in _evenly(len(encodings), most))
     learned = DistanceFeatures(compare_complexities(encoder, landmarks))
     distances = compare_complexities(encoder, encodings, landmarks)
-    straight, mirrored = _code_sides(encoder, encodings, directions)
-    views = ViewFeatures(straight, mirrored, learned.of(distances))
+
+    def codes(numbers: IntArray) -> list[Float32Array]:
+        return _code_vectors(encoder, [encodings[k] for k in numbers])
+
+    directions, sides = _along_leading(codes, len(encodings), seed)
+    views = ViewFeatures(sides[0], sides[-1], learned.of(distances))
     if words is None:
         return StoredViews(directions, landmarks, learned, views)
-    mirror = encoder.settings.mirror
-    copies = [images, partial_copies(images)]
-    surfaces = [words.features(of, mirror=mirror) for of in copies]
-    pairs = [pair_vectors(of) for of in copies]
-    surface_directions = LeadingDirections.of(
-        np.concatenate([side for sides in surfaces for side in sides]), seed
+    copies = partial_copies(images)
+
+    def surfaces(numbers: IntArray) -> list[Float32Array]:
+        some = ([of[k] for k in numbers] for of in (images, copies))
+        return [side for of in some for side in words.features(of, mirror=encoder.settings.mirror)]
+
+    def pairs(numbers: IntArray) -> list[Float32Array]:
+        return [pair_vectors([of[k] for k in numbers]) for of in (images, copies)]
+
+    surface_directions, of_surfaces = _along_leading(surfaces, len(images), seed)
+    pair_directions, of_pairs = _along_leading(pairs, len(images), seed)
+    views = replace(
+        views,
+        surface=of_surfaces[0],
+        mirrored_surface=of_surfaces[1],
+        partial=of_surfaces[2],
+        mirrored_partial=of_surfaces[3],
+        pairs=of_pairs[0],
+        partial_pairs=of_pairs[1],
     )
-    pair_directions = LeadingDirections.of(np.concatenate(pairs), seed)
-    sides = [
-        side
-        for vectors, of_pairs in zip(surfaces, pairs, strict=True)
-        for side in (*surface_directions.along(vectors), *pair_directions.along([of_pairs]))
-    ]
-    views = ViewFeatures(views.straight, views.mirrored, views.landmark, *sides)
     geometry = StoredGeometry.of(images)
     return StoredViews(
         directions, landmarks, learned, views, words, surface_directions, pair_directions, geometry
     )
 
 
+def _along_leading(
+    vectors_of: Callable[[IntArray], list[Float32Array]], n_views: int, seed: int
+) -> tuple[LeadingDirections, list[Float32Array]]:
+    """Leading directions of up to DESCRIBED_AT_ONCE views, chosen evenly, and all views along them.
+
+    vectors_of: several arrays of vectors of the views of these numbers.
+    """
+    chosen = _evenly(n_views, DESCRIBED_AT_ONCE)
+    vectors = vectors_of(chosen)
+    directions = LeadingDirections.of(np.concatenate(vectors), seed)
+    if len(chosen) == n_views:
+        return directions, directions.along(vectors)
+    starts = range(0, n_views, DESCRIBED_AT_ONCE)
+    blocks = [np.arange(start, min(start + DESCRIBED_AT_ONCE, n_views)) for start in starts]
+    along = [directions.along(vectors_of(block)) for block in blocks]
+    return directions, [np.concatenate(parts) for parts in zip(*along, strict=True)]
+
+
+def _evenly(n: int, most: int) -> IntArray:
+    return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
+
+
 def _code_sides(
     encoder: Encoder, encodings: Sequence[Encoding], directions: LeadingDirections
 ) -> list[Float32Array]:
     """Codes along the directions, of views and of their mirror images; the first twice where there are none."""
+    sides = directions.along(_code_vectors(encoder, encodings))
+    return [sides[0], sides[-1]]
+
+
+def _code_vectors(encoder: Encoder, encodings: Sequence[Encoding]) -> list[Float32Array]:
+    """Vectors of codes, and those of the mirror images where the preset mirrors."""
     vectors = [code_vectors(encoder, encodings)]
     if encoder.settings.mirror:
         vectors.append(code_vectors(encoder, mirrored_encodings(encodings)))
-    sides = directions.along(vectors)
-    return [sides[0], sides[-1]]
+    return vectors

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,6 @@ from depthprint.encoder import Encoder
 from depthprint.errors import DataError
 from depthprint.learned_classes import LearnedClasses
 from depthprint.object_alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
-from depthprint.object_recogniser import FusedRecogniser
 from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
@@ -26,11 +26,13 @@ from depthprint.surface_words import SurfaceWords
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface
 
-__all__ = ["Recognition", "TrainedRecogniser"]
+__all__ = ["Recognition", "TrainedRecogniser", "left_out_scores"]
 
 Progress = Callable[[int, int], None]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_ASKED_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ class TrainedRecogniser:
         words = SurfaceWords.load() if surfaces else None
         stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
         calibration = calibrate(
-            lambda train, known, test: _score(stored, images, train, known, test),
+            lambda train, known, test: left_out_scores(stored, images, train, known, test)[::2],
             np.asarray(labels),
             np.asarray(objects),
             seed,
@@ -172,22 +174,37 @@ class TrainedRecogniser:
         return load_recogniser(Path(path))
 
 
-def _score(
+def left_out_scores(
     kept: StoredViews, images: Sequence[RangeImage], train: IntArray, labels: npt.NDArray[Any], test: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    stored, asked = kept.views.taken(train), kept.views.taken(test)
-    fused = FusedRecogniser().fit(stored.compared_with(stored), labels)
-    comparison = asked.compared_with(stored)
-    scores = _checked(
-        fused.scores(comparison),
-        fused.labels,
-        kept.geometry,
-        lambda query: object_surface(images[test[query]]),
-        labels,
-        _nearness(comparison.distances, len(train)),
-        train,
-    )
-    return scores, np.asarray(comparison.distances[0].min(axis=1), dtype=np.float64)
+) -> tuple[FloatArray, npt.NDArray[Any], FloatArray]:
+    """What a recogniser of some of the kept views says of others of them; numbers are those of views and ``images``.
+
+    labels: of the views ``train``. Returns scores (m, c) of the views ``test``, the labels (c,) of their columns, and
+    the distances (m,) to the nearest stored view by codes.
+    """
+    stored = kept.views.taken(train)
+    learned = LearnedClasses.fit(stored, labels)
+    scores, nearest = [], []
+    for start in range(0, len(test), _ASKED_AT_ONCE):
+        block = test[start : start + _ASKED_AT_ONCE]
+        asked = kept.views.taken(block)
+        near = asked.distances_to(stored)
+        found = _checked(
+            learned.scores(asked, near),
+            learned.labels,
+            kept.geometry,
+            partial(_surface_of, images, block),
+            labels,
+            _nearness(near, len(train)),
+            train,
+        )
+        scores.append(found)
+        nearest.append(near[0].min(axis=1).astype(np.float64))
+    return np.concatenate(scores), learned.labels, np.concatenate(nearest)
+
+
+def _surface_of(images: Sequence[RangeImage], numbers: IntArray, query: int) -> SeenSurface:
+    return object_surface(images[numbers[query]])
 
 
 def _nearness(

@@ -18,6 +18,7 @@ Float32Array = npt.NDArray[np.float32]
 
 # So many rows or fewer are multiplied with each row of a matrix read once, and none that only zeros would meet.
 FEW_ROWS = 8
+_BLOCK_ROWS = 256
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,19 @@ class _Sides:
         if self is stored:
             cosine = np.maximum(cosine, cosine.T)
         return np.asarray(np.maximum(1.0 - cosine, 0.0))
+
+    def scales(self, m: int) -> npt.NDArray[np.float64]:
+        """Distance (n,) of each view to the m-th nearest other one, without a matrix of all pairs."""
+        found = np.empty(len(self.straight))
+        for start in range(0, len(found), _BLOCK_ROWS):
+            rows = np.arange(start, min(start + _BLOCK_ROWS, len(found)))
+            cosine = self.straight[rows] @ self.straight.T
+            if self.mirrored is not None:
+                cosine = np.maximum(cosine, self.mirrored[rows] @ self.straight.T)
+                cosine = np.maximum(cosine, self.straight[rows] @ self.mirrored.T)
+            cosine[rows - start, rows] = -np.inf
+            found[rows] = np.maximum(1.0 + np.partition(-cosine, m - 1, axis=1)[:, m - 1], 0.0)
+        return found
 
 
 @dataclass(frozen=True)
@@ -153,11 +167,13 @@ class ViewFeatures:
 
     @property
     def surface_sums(self) -> tuple[Float32Array, Float32Array] | None:
-        """Those of the surface vectors and of the pairs, followed by those of partial copies where there are any."""
-        if self._with_copies is None:
-            return None
-        surfaces, pairs = self._with_copies
-        return surfaces.sums, pairs.sums
+        """Those of the surface vectors and of the pairs, None where surfaces are not compared."""
+        return None if self._surface_sides is None else _sums(*self._surface_sides)
+
+    @property
+    def learned_sums(self) -> tuple[Float32Array, Float32Array] | None:
+        """The same, followed by those of the partial copies where there are any."""
+        return None if self._with_copies is None else _sums(*self._with_copies)
 
     def compared_with(self, stored: ViewFeatures) -> ViewComparison:
         """Kernel values and distances (m, n) to other views."""
@@ -187,6 +203,10 @@ class ViewFeatures:
         run_tasks([partial(compare, number) for number in range(len(compared))])
         return tuple(near[number] for number in range(len(compared)))
 
+    def neighbour_scales(self, m: int) -> tuple[npt.NDArray[np.float64], ...]:
+        """Distance (k n,) of each view to its m-th nearest other one, as ``distances_to`` has them, part by part."""
+        return tuple(sides.scales(m) for sides in (self._codes, *(self._with_copies or ())))
+
     def _sides_against(self, stored: ViewFeatures) -> list[tuple[_Sides, _Sides]]:
         """Surfaces to compare: among themselves views have all copies; others ask for none of theirs."""
         sides = self._with_copies if self is stored else self._surface_sides
@@ -195,6 +215,10 @@ class ViewFeatures:
         if stored._with_copies is None:
             raise DataError("views: expected stored views with surface vectors, got some without")
         return list(zip(sides, stored._with_copies, strict=True))
+
+
+def _sums(surfaces: _Sides, pairs: _Sides) -> tuple[Float32Array, Float32Array]:
+    return surfaces.sums, pairs.sums
 
 
 def _beside(surfaces: Float32Array, pairs: Float32Array) -> Float32Array:

@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from depthprint.errors import ConvergenceError, DataError, SettingsError
 
-__all__ = ["GramSvm", "LinearSvm", "gram_matrix"]
+__all__ = ["GramSvm", "LinearSvm", "gram_matrix", "linear_directions"]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -121,6 +121,29 @@ class GramSvm:
             f"GramSvm: {len(active)} of {signs.shape[1]} classes are not within {self._tolerance} of the optimum "
             f"after {self._max_passes} passes"
         )
+
+
+def linear_directions(
+    vectors: Float32Array, numbers: npt.NDArray[np.integer[Any]], C: float
+) -> npt.NDArray[np.float64]:
+    """Directions (d, c) of the machine that GramSvm seeks, for many vectors (n, d), by LIBLINEAR in their own space.
+
+    numbers (n,): the class of each, 0 to c - 1. Raises ConvergenceError where it does not come near the optimum.
+    """
+    import warnings
+
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.svm import LinearSVC
+
+    machine = LinearSVC(C=C, dual=False, fit_intercept=False, max_iter=10_000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ConvergenceWarning)
+        try:
+            found = machine.fit(vectors, numbers).coef_
+        except ConvergenceWarning as warning:
+            raise ConvergenceError(f"linear machine of {len(vectors)} vectors: {warning}") from warning
+    # Of two classes it gives the second one's direction alone.
+    return np.ascontiguousarray((np.concatenate([-found, found]) if len(found) == 1 else found).T)
 
 
 class LinearSvm(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
