@@ -22,6 +22,9 @@ _WORTH_A_THREAD = 1e8  # some ten milliseconds; a hand-over costs up to one
 
 @lru_cache(maxsize=1)
 def _controller() -> ThreadpoolController:
+    # It knows the libraries that are loaded when it is made, of which scipy brings one of its own.
+    import scipy.linalg  # noqa: F401
+
     return ThreadpoolController()
 
 
