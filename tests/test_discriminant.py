@@ -19,6 +19,7 @@ from depthprint.object_recogniser import (
     FusedRecogniser,
     ViewComparison,
     fused_comparison,
+    nearest_weights,
     standardised,
 )
 
@@ -145,6 +146,23 @@ def test_fused_kernels_are_weighted_means_and_distances_follow_each_other():
     third = ViewComparison(np.eye(len(x)), (), np.ones((2 * len(x), 2 * len(x))))
     of_both = fused_comparison([second, third], [1.0, 3.0]).machine_kernel
     np.testing.assert_allclose(of_both, (np.eye(2 * len(x)) + 1) / 2)
+
+
+def test_nearest_views_count_by_the_weights_of_their_parts():
+    assert nearest_weights(["codes", "complexities", "surfaces", "pairs"]) == (0.5, 0.5, 1.0)
+    assert nearest_weights(["complexities"]) == ()
+    x, labels = blobs(8)
+    y, _ = blobs(9)
+    near, far = euclidean(x, x), euclidean(x[:, :1], x[:, :1])
+    stored = ViewComparison(x @ x.T, (near, far))
+    asked = ViewComparison(y @ x.T, (euclidean(y, x), euclidean(y[:, :1], x[:, :1])))
+
+    def scores(*weights):
+        return FusedRecogniser(nearest_weights=weights).fit(stored, labels).scores(asked)
+
+    without, first, second = scores(0.0, 0.0), scores(1.0, 0.0), scores(0.0, 1.0)
+    np.testing.assert_allclose(scores(0.5, 2.0) - without, 0.5 * (first - without) + 2 * (second - without))
+    np.testing.assert_allclose(FusedRecogniser().fit(stored, labels).scores(asked), scores(1.0, 1.0))
 
 
 def test_the_machine_adds_its_standardised_margins():

@@ -57,7 +57,7 @@ def test_geometry_is_all_that_parts_the_recogniser_from_the_row_without(crops):
         views = proposed_views(scores[row], columns, labels[train], likeness[row])
         own = [align_object_views(images[query], images[k]).agreement for k in train[views]]
         best = [max(a for a, k in zip(own, views, strict=True) if labels[train[k]] == c) for c in columns]
-        np.testing.assert_allclose(added, AGREEMENT_WEIGHT * np.exp(8 * (np.array(best) - 0.8)), rtol=1e-6)
+        np.testing.assert_allclose(added, AGREEMENT_WEIGHT * np.exp(12 * (np.array(best) - 0.8)), rtol=1e-6)
 
 
 def test_distances_of_mirrored_presets_are_symmetric_and_zero_on_themselves(crops):

@@ -156,6 +156,7 @@ def test_a_file_holds_what_was_learned_so_that_loading_learns_nothing(recogniser
         ("class_codes", arrays["class_codes"][:, 1:]),
         ("neighbour_scales_1", -arrays["neighbour_scales_1"] - 1),
         ("neighbour_scales_0", arrays["neighbour_scales_0"][1:]),
+        ("nearest_weights", arrays["nearest_weights"][1:]),
     ):
         write_archive(tmp_path / "broken.npz", header, arrays | {name: broken})
         with pytest.raises(ModelError, match=r"broken\.npz: expected a whole recogniser file"):
@@ -203,7 +204,8 @@ def test_partial_copies_of_the_views_are_learned_from(recogniser):
 def test_class_directions_give_the_scores_of_all_kernel_values(recogniser, views, n_queries):
     images = [image for _, image in queries(views)][:n_queries]
     stored = recogniser.stored.views
-    fused = FusedRecogniser().fit(stored.compared_with(stored), recogniser.view_labels)
+    fused = FusedRecogniser(nearest_weights=recogniser.learned.joined.weights)
+    fused.fit(stored.compared_with(stored), recogniser.view_labels)
     asked, _ = recogniser.stored.encode_and_describe(recogniser.encoder, images)
     expected = asked.compared_with(stored)
     found = ClassDirections.of(stored, fused).scores(asked)

@@ -12,7 +12,13 @@ from depthprint.errors import DataError, SettingsError
 from depthprint.object_comparisons import ObjectComparisons
 from depthprint.object_distances import MirroredDistances
 from depthprint.object_kernels import DistanceFeatures
-from depthprint.object_recogniser import KERNEL_SHARES, FusedRecogniser, ViewComparison, fused_comparison
+from depthprint.object_recogniser import (
+    KERNEL_SHARES,
+    FusedRecogniser,
+    ViewComparison,
+    fused_comparison,
+    nearest_weights,
+)
 from depthprint.range_image import RangeImage
 from depthprint.surface_comparisons import PARTIAL, TURNED, VIEWS, SurfaceKernels
 
@@ -176,7 +182,8 @@ class EncodedRecogniser(EncodedMethod):
             stored.append(self._compared(part, train, train))
             asked.append(self._compared(part, test, train))
         shares = [KERNEL_SHARES[part] for part in self._parts]
-        recogniser = FusedRecogniser().fit(fused_comparison(stored, shares), train_labels)
+        recogniser = FusedRecogniser(nearest_weights=nearest_weights(self._parts))
+        recogniser.fit(fused_comparison(stored, shares), train_labels)
         return recogniser.scores(fused_comparison(asked, shares)), recogniser.labels
 
     def likeness(self, train: IndexArray, test: IndexArray) -> npt.NDArray[np.float32]:
@@ -193,7 +200,7 @@ class EncodedRecogniser(EncodedMethod):
         if part == "complexities":
             found = self.comparisons.complexities()
             learned, asked = distance_features(found, train, rows)
-            return ViewComparison(asked @ learned.T, (found.nearer()[grid],))
+            return ViewComparison(asked @ learned.T)
         if part == "codes":
             nearer = self.comparisons.codes().nearer()
             return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))

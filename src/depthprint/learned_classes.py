@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthprint.class_directions import ClassDirections
 from depthprint.errors import DataError
-from depthprint.object_recogniser import LOCAL_SCALING, FusedRecogniser, JoinedScores
+from depthprint.object_recogniser import LOCAL_SCALING, FusedRecogniser, JoinedScores, nearest_weights
 from depthprint.view_features import ViewFeatures
 
 __all__ = ["MOST_IN_PAIRS", "LearnedClasses"]
@@ -22,6 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 MOST_IN_PAIRS = 2000
 
 _SCALES = "neighbour_scales_"
+_WEIGHTS = "nearest_weights"
 _DIRECTIONS = ("codes", "complexities", "surfaces", "pairs", "machine", "offsets")
 
 
@@ -39,12 +40,13 @@ class LearnedClasses:
 
         More than MOST_IN_PAIRS are not compared in all pairs: the same is then learned from their vectors.
         """
+        weights = nearest_weights(list(stored.shares))
         if len(stored) > MOST_IN_PAIRS:
             classes, numbers = np.unique(np.asarray(labels), return_inverse=True)
             scales = stored.neighbour_scales(min(LOCAL_SCALING, len(stored) - 1))
-            joined = JoinedScores.of_scales(scales, np.asarray(labels))
+            joined = JoinedScores.of_scales(scales, np.asarray(labels), weights)
             return cls(classes, ClassDirections.learned(stored, numbers), joined)
-        fused = FusedRecogniser().fit(stored.compared_with(stored), np.asarray(labels))
+        fused = FusedRecogniser(nearest_weights=weights).fit(stored.compared_with(stored), np.asarray(labels))
         return cls(fused.labels, ClassDirections.of(stored, fused), fused.joined)
 
     def scores(self, views: ViewFeatures, distances: Sequence[npt.NDArray[np.floating[Any]]]) -> FloatArray:
@@ -55,7 +57,8 @@ class LearnedClasses:
         """Arrays for a file; ``of_parts`` gives the same scores from them, to the bit."""
         directions = {f"class_{name}": getattr(self.directions, name) for name in _DIRECTIONS}
         scales = {f"{_SCALES}{k}": one for k, one in enumerate(self.joined.scales)}
-        return {name: array for name, array in (directions | scales).items() if array is not None}
+        kept = directions | scales | {_WEIGHTS: np.asarray(self.joined.weights)}
+        return {name: array for name, array in kept.items() if array is not None}
 
     @classmethod
     def of_parts(cls, arrays: Mapping[str, npt.NDArray[Any]], labels: Sequence[str]) -> LearnedClasses:
@@ -79,4 +82,7 @@ class LearnedClasses:
         scales: list[FloatArray] = []
         while f"{_SCALES}{len(scales)}" in arrays:
             scales.append(arrays[f"{_SCALES}{len(scales)}"])
-        return cls(classes, directions, JoinedScores.of_scales(scales, known))
+        weights = tuple(arrays[_WEIGHTS].tolist())
+        if len(weights) != len(scales):
+            raise DataError(f"{_WEIGHTS}: expected one for each of {len(scales)} scales, got {len(weights)}")
+        return cls(classes, directions, JoinedScores.of_scales(scales, known, weights))

@@ -44,7 +44,7 @@ _FINE = 5
 _DEPTH_NOISE = 0.003
 _SHAPE_NOISE = 0.02
 # Of what an agreement is worth, which is 1 at that of two good views of one object.
-_STEEPNESS = 8.0
+_STEEPNESS = 12.0
 _GOOD_AGREEMENT = 0.8
 
 
@@ -134,7 +134,7 @@ def with_agreement(
 ) -> FloatArray:
     """Scores (c,), brought to deviation 1, and ``weight`` times what the best agreement of each class is worth.
 
-    That grows as exp(8 agreement) and is 1 at an agreement of 0.8, so that a view of the same object counts and the
+    That grows as exp(12 agreement) and is 1 at an agreement of 0.8, so that a view of the same object counts and the
     less unlike of two others hardly does.
     Classes of which no view was aligned get what the worst of the others has.
     """

@@ -34,7 +34,7 @@ KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
 # Of the agreement of alignments beside these machines' margins, chosen as the recogniser's was.
-KDES_AGREEMENT_WEIGHT = 4.4
+KDES_AGREEMENT_WEIGHT = 6.6
 
 # What the kernels and neighbours of rows that are the recogniser but for these are made of.
 _PARTS = {

@@ -13,13 +13,20 @@ from depthprint.classification import NearestComplexityClassifier
 from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
 
-__all__ = ["KERNEL_SHARES", "FusedRecogniser", "JoinedScores", "ViewComparison", "fused_comparison"]
+__all__ = [
+    "KERNEL_SHARES",
+    "FusedRecogniser",
+    "JoinedScores",
+    "ViewComparison",
+    "fused_comparison",
+    "nearest_weights",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
 # Chosen by nested splits of training objects; halves and doubles of each do nearly as well.
 SHRINKAGE = 0.5
-NEAREST_SHARE = 2.0
+NEAREST_WEIGHT = 2.0
 LOCAL_SCALING = 10
 MACHINE_C = 40.0
 # Shares of what views are compared by in the discriminant's kernel.
@@ -31,6 +38,8 @@ KERNEL_SHARES = {
     "turned": 4.0,
     "pairs": 8.0,
 }
+# The same of the nearest views; those by information distance add nothing beside the others.
+NEAREST_SHARES = {"codes": 1.0, "surfaces": 1.0, "sizeless": 1.0, "turned": 1.0, "pairs": 2.0}
 
 
 @dataclass(frozen=True)
@@ -68,12 +77,18 @@ def _repeated(kernel: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return np.tile(kernel, (shape[0] // len(kernel), shape[1] // kernel.shape[1]))
 
 
+def nearest_weights(parts: Sequence[str]) -> tuple[float, ...]:
+    """Weights, beside a discriminant of weight 1, of the nearest views by each part that has distances."""
+    shares = [NEAREST_SHARES[part] for part in parts if part in NEAREST_SHARES]
+    return tuple(NEAREST_WEIGHT * share / sum(shares) for share in shares)
+
+
 @dataclass(frozen=True, eq=False)
 class JoinedScores:
-    """Sum of standardised scores of a discriminant, of a machine, and of the nearest view of each class."""
+    """Sum of standardised scores of a discriminant, of a machine, and, weighted, of the nearest view of each class."""
 
     nearest: tuple[NearestComplexityClassifier, ...]
-    nearest_share: float = NEAREST_SHARE
+    weights: tuple[float, ...]
 
     @classmethod
     def of_distances(
@@ -81,7 +96,7 @@ class JoinedScores:
         distances: Sequence[npt.NDArray[np.floating[Any]]],
         labels: npt.NDArray[Any],
         local_scaling: int,
-        nearest_share: float,
+        weights: tuple[float, ...],
     ) -> JoinedScores:
         """Learn the scale of each stored view from distances (k n, k n) among them, labels (n,) of the first copies."""
         m = min(local_scaling, len(labels) - 1)
@@ -89,17 +104,19 @@ class JoinedScores:
             NearestComplexityClassifier(local_scaling=m).fit(one, _for_copies(labels, one))
             for one in distances
         )
-        return cls(tuple(nearest), nearest_share)
+        return cls(tuple(nearest), weights)
 
     @classmethod
-    def of_scales(cls, scales: Sequence[FloatArray], labels: npt.NDArray[Any]) -> JoinedScores:
+    def of_scales(
+        cls, scales: Sequence[FloatArray], labels: npt.NDArray[Any], weights: tuple[float, ...]
+    ) -> JoinedScores:
         """The same from ``scales``, with the shipped local scaling."""
         m = min(LOCAL_SCALING, len(labels) - 1)
         nearest = (
             NearestComplexityClassifier(local_scaling=m).restore(one, _for_copies(labels, one))
             for one in scales
         )
-        return cls(tuple(nearest))
+        return cls(tuple(nearest), weights)
 
     @property
     def scales(self) -> tuple[FloatArray, ...]:
@@ -120,9 +137,8 @@ class JoinedScores:
         total = standardised(discriminant)
         if machine is not None:
             total += standardised(machine)
-        for classifier, to_stored in zip(self.nearest, distances, strict=True):
-            nearest = -classifier.nearest_by_class(to_stored)
-            total += self.nearest_share / len(self.nearest) * standardised(nearest)
+        for classifier, weight, to_stored in zip(self.nearest, self.weights, distances, strict=True):
+            total += weight * standardised(-classifier.nearest_by_class(to_stored))
         return total
 
 
@@ -131,19 +147,20 @@ class FusedRecogniser:
 
     The discriminant knows what varies within classes, the machine what lies between them; the nearest neighbour, with
     local scaling, knows classes that fall into several kinds. Scores of several views of one object add up.
+    nearest_weights: one for each matrix of distances, as the function of this name has them; alike where None.
     """
 
     def __init__(
         self,
         *,
         shrinkage: float = SHRINKAGE,
-        nearest_share: float = NEAREST_SHARE,
+        nearest_weights: tuple[float, ...] | None = None,
         local_scaling: int = LOCAL_SCALING,
     ) -> None:
-        self.nearest_share = nearest_share
+        self._nearest_weights = nearest_weights
         self._discriminant = KernelDiscriminant(shrinkage)
         self._local_scaling = local_scaling
-        self.joined = JoinedScores(())
+        self.joined = JoinedScores((), ())
         self.multipliers: npt.NDArray[np.float32] | None = None
 
     @property
@@ -157,9 +174,11 @@ class FusedRecogniser:
         """Learn from how the stored views compare among themselves and their labels (n,)."""
         known = np.asarray(labels)
         self._discriminant.fit(stored.kernel, _for_copies(known, stored.kernel))
-        self.joined = JoinedScores.of_distances(
-            stored.distances, known, self._local_scaling, self.nearest_share
+        n = len(stored.distances)
+        weights = (
+            (NEAREST_WEIGHT / max(1, n),) * n if self._nearest_weights is None else self._nearest_weights
         )
+        self.joined = JoinedScores.of_distances(stored.distances, known, self._local_scaling, weights)
         self.multipliers = (
             None if stored.machine_kernel is None else _machine_multipliers(stored.machine_kernel, known)
         )
