@@ -15,10 +15,10 @@ import numpy.typing as npt
 from benchmarks.data import DRIVE_SEED, GAP, N_PLACES, N_PLACES_QUICK, load_frames
 from benchmarks.harness import Comparison, Settings, threads
 from depthprint import RangeImage, Signature, make_place_recognizer
+from depthprint.cascade.fused_recognizer import FusedRecognizer
+from depthprint.cascade.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 from depthprint.encoding import Encoding
-from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.verification import verifier
-from depthprint.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 
 __all__ = ["NAMES", "run"]
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from benchmarks.harness import Comparison, Settings, interleaved_s, threads, version
 from depthprint import RangeImage, load_shipped_encoder
+from depthprint.objects.trained_recogniser import TrainedRecogniser
 from depthprint.simulation.objects import simulated_objects
-from depthprint.trained_recogniser import TrainedRecogniser
 
 __all__ = ["NAMES", "run"]
 

@@ -8,26 +8,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depthprint import cascade
 from depthprint.baselines.cosine import CosineRecognizer
-from depthprint.cascade import make_cascade
-from depthprint.cascade_settings import CascadeSettings
+from depthprint.cascade import assembly
+from depthprint.cascade.assembly import make_cascade
+from depthprint.cascade.fused_recognizer import FusedRecognizer
+from depthprint.cascade.proposals import spread_in_time, taken_in_turn
+from depthprint.cascade.range_thumbnail import RangeThumbnails, range_thumbnail
+from depthprint.cascade.settings import CascadeSettings
+from depthprint.cascade.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 from depthprint.complexity_recognizer import ComplexityRecognizer
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError, SettingsError
-from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.loop_closure import LoopClosureDetector
 from depthprint.loop_status import LoopStatus
 from depthprint.place_methods import PLACE_METHODS, make_place_recognizer
-from depthprint.proposals import spread_in_time, taken_in_turn
 from depthprint.range_image import RangeImage
-from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
 from depthprint.recognizer import PlaceMatch
 from depthprint.simulation import training
 from depthprint.verification.depth_view import make_depth_view
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
-from depthprint.verified_recognizer import VerifiedDescription, VerifiedRecognizer
 from synthetic import boxes
 from test_encoder import DEFAULT, small
 from test_verification import ROW, SPINNING, STEREO, block_world, pose_at
@@ -392,7 +392,7 @@ def test_shift_of_the_descriptor_turns_the_view_of_a_spinning_sensor():
 def test_every_ablation_of_the_detector_lacks_what_its_name_says(name, encoder, monkeypatch):
     monkeypatch.setattr(training, "training_images", lambda preset: DEFAULT)
     made: list[tuple[Encoder, CascadeSettings]] = []
-    monkeypatch.setattr(cascade, "make_cascade", lambda e, settings, views=None: made.append((e, settings)))
+    monkeypatch.setattr(assembly, "make_cascade", lambda e, settings, views=None: made.append((e, settings)))
     for method in ("detector", name):
         make_place_recognizer(method, "street", encoder)
     (_, whole), (coded, ablated) = made

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from depthprint import LoopClosureDetector, PlaceDatabase, load_shipped_encoder
-from depthprint.cascade import make_cascade
-from depthprint.cascade_settings import CascadeSettings
+from depthprint.cascade.assembly import make_cascade
+from depthprint.cascade.settings import CascadeSettings
 from depthprint.errors import DataError
 from depthprint.verification import make_depth_view
 from depthprint.verification.view_arrays import pack_view, unpack_view

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from depthprint.checked_places import CheckedPlaces
+from depthprint.cascade.checked_places import CheckedPlaces
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import Verification
 from depthprint.verification.hypotheses import OtherFrames

@@ -13,16 +13,16 @@ from depthprint.baselines.kernel_descriptors.match_features import PYRAMID, Voca
 from depthprint.baselines.kernel_descriptors.match_kernel import gaussian_kernel, gaussian_products
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.classification import NearestComplexityClassifier
+from depthprint.encoder import load_shipped_encoder
 from depthprint.encoding import Encoding
-from depthprint.object_distances import compare_complexities
+from depthprint.objects.distances import compare_complexities
+from depthprint.objects.trained_recogniser import TrainedRecogniser
 from depthprint.patches import extract_patches
-from depthprint.place_methods import load_shipped_encoder
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.settings import StreamSettings
 from depthprint.simulation.objects import simulated_objects
 from depthprint.sparse_coding import sparse_code
-from depthprint.trained_recogniser import TrainedRecogniser
 from depthprint.views import View, make_view, make_views
 
 

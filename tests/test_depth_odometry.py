@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from depthprint.cascade.verified_recognizer import VerifiedRecognizer
 from depthprint.range_image import RangeImage
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.depth_odometry import DepthOdometry
-from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
 from test_verification import ROW, block_world, pose_at, pose_error
 

@@ -10,11 +10,10 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.svm import LinearSVC
 
 from depthprint.baselines.linear_svm import GramSvm, linear_directions
-from depthprint.discriminant import KernelDiscriminant, discriminant_directions
 from depthprint.errors import DataError, ModelError, SettingsError
-from depthprint.object_distances import MirroredDistances
-from depthprint.object_kernels import DistanceFeatures, unit_rows
-from depthprint.object_recogniser import (
+from depthprint.objects.discriminant import KernelDiscriminant, discriminant_directions
+from depthprint.objects.distances import MirroredDistances
+from depthprint.objects.fused_recogniser import (
     MACHINE_C,
     FusedRecogniser,
     ViewComparison,
@@ -22,6 +21,7 @@ from depthprint.object_recogniser import (
     nearest_weights,
     standardised,
 )
+from depthprint.objects.kernels import DistanceFeatures, unit_rows
 
 
 def blobs(seed, classes=4, each=12, d=6, spread=0.6):

@@ -351,6 +351,6 @@ def test_a_machine_knows_its_memory_or_says_so(monkeypatch):
     ("name", "least"), [("recogniser", 400), ("emd", 16), ("pixel-l2", 8), ("only-pairs", 400)]
 )
 def test_methods_that_compare_pairs_say_what_it_takes(name, least):
-    from depthprint.object_methods import make_object_method
+    from depthprint.objects.methods import make_object_method
 
     assert make_object_method(name, "object").bytes_per_pair >= least

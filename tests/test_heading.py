@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthprint.cascade.verified_recognizer import VerifiedRecognizer
 from depthprint.range_image import RangeImage
 from depthprint.simulation.meshes import merge
 from depthprint.simulation.ray_casting import RayScene
@@ -20,7 +21,6 @@ from depthprint.verification.hypotheses import Hypothesis
 from depthprint.verification.starts import yaw_pose
 from depthprint.verification.temporal_evidence import TemporalEvidence
 from depthprint.verification.turns import Turn, turn_by_walls, turn_of
-from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
 from test_depth_odometry import STEP_M, frame
 from test_verification import HAND_HELD, ROW, SPINNING, block_world, box, pose_at

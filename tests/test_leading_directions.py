@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from depthprint.errors import DataError
-from depthprint.leading_directions import MAX_DIRECTIONS, LeadingDirections
-from depthprint.view_features import FEW_ROWS
+from depthprint.objects.leading_directions import MAX_DIRECTIONS, LeadingDirections
+from depthprint.objects.view_features import FEW_ROWS
 
 
 @pytest.fixture(scope="module")

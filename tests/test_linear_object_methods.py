@@ -11,12 +11,11 @@ from depthprint.baselines.kernel_descriptors.match_features import power_transfo
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.baselines.sparse_pyramid import sparse_pyramid_features
 from depthprint.datasets.uw_rgbd_object import cad51
-from depthprint.encoder import Encoder
+from depthprint.encoder import Encoder, load_shipped_encoder
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.objects import category_folds
-from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
-from depthprint.object_methods import OBJECT_METHODS, make_object_method, make_object_methods
-from depthprint.place_methods import load_shipped_encoder
+from depthprint.objects.linear_methods import KernelDescriptorViews, LinearSvmMethod
+from depthprint.objects.methods import OBJECT_METHODS, make_object_method, make_object_methods
 from depthprint.simulation.objects import simulated_objects
 
 # The kinds one by one are parts of "all".

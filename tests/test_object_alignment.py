@@ -7,15 +7,20 @@ import pytest
 
 from depthprint._kernels.surface_alignment import BACKGROUND, OBJECT, surface_shares
 from depthprint.errors import DataError
-from depthprint.object_alignment import align_object_views, aligned_agreements, proposed_views, with_agreement
-from depthprint.object_surface import SAMPLED_POINTS, object_surface
+from depthprint.objects.alignment import (
+    align_object_views,
+    aligned_agreements,
+    proposed_views,
+    with_agreement,
+)
+from depthprint.objects.seen_surface import SAMPLED_POINTS, object_surface
+from depthprint.objects.stored_geometry import LONGEST_SIDE_PX, StoredGeometry, thinned
 from depthprint.partial_views import hide_part
 from depthprint.projection import Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.simulation.meshes import box, merge
 from depthprint.simulation.objects import simulated_objects
 from depthprint.simulation.ray_casting import RayScene
-from depthprint.stored_geometry import LONGEST_SIDE_PX, StoredGeometry, thinned
 from depthprint.turned_views import turn_of_points, turned_view
 
 CAMERA = Pinhole(500.0, 500.0, 60.0, 50.0, 120, 100)
@@ -158,8 +163,8 @@ def test_what_is_no_view_of_an_object_is_refused():
 
 
 def test_the_likest_views_of_the_best_classes_are_proposed(monkeypatch):
-    monkeypatch.setattr("depthprint.object_alignment.CHECKED_CLASSES", 2)
-    monkeypatch.setattr("depthprint.object_alignment.CHECKED_VIEWS", 2)
+    monkeypatch.setattr("depthprint.objects.alignment.CHECKED_CLASSES", 2)
+    monkeypatch.setattr("depthprint.objects.alignment.CHECKED_VIEWS", 2)
     labels = np.array(["a", "b", "c"])
     of_views = np.array(["a", "b", "c", "c", "a", "c"])
     views = proposed_views(np.array([0.5, -1.0, 2.0]), labels, of_views, np.array([1, 9, 1, 3, 2, 2.0]))

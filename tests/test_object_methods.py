@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from depthprint.encoder import Encoder
+from depthprint.encoder import Encoder, load_shipped_encoder
 from depthprint.errors import ModelError, SettingsError
-from depthprint.object_alignment import AGREEMENT_WEIGHT, align_object_views, proposed_views
-from depthprint.object_distances import complexity_distances, cosine_distances
-from depthprint.object_methods import OBJECT_METHODS, make_object_method, make_object_methods
-from depthprint.object_recogniser import standardised
-from depthprint.place_methods import load_shipped_encoder
+from depthprint.objects.alignment import AGREEMENT_WEIGHT, align_object_views, proposed_views
+from depthprint.objects.distances import complexity_distances, cosine_distances
+from depthprint.objects.fused_recogniser import standardised
+from depthprint.objects.methods import OBJECT_METHODS, make_object_method, make_object_methods
 from depthprint.simulation.objects import simulated_objects
 
 # Linear methods have no pairs, and a test file of their own.

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from depthprint.object_methods import make_object_methods
-from depthprint.object_recogniser import ViewComparison, fused_comparison
+from depthprint.objects.fused_recogniser import ViewComparison, fused_comparison
+from depthprint.objects.methods import make_object_methods
+from depthprint.objects.surface_comparisons import SurfaceComparisons
+from depthprint.objects.surface_words import SurfaceWords
 from depthprint.partial_views import LEARNED_SHARE, partial_copies
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.simulation.objects import simulated_objects
-from depthprint.surface_comparisons import SurfaceComparisons
-from depthprint.surface_words import SurfaceWords
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_the_row_without_partial_copies_does_not_depend_on_them(crops, monkeypat
         return found
 
     learned, plain = scores()
-    monkeypatch.setattr("depthprint.surface_comparisons.partial_copies", list)
+    monkeypatch.setattr("depthprint.objects.surface_comparisons.partial_copies", list)
     same, unchanged = scores()
     np.testing.assert_array_equal(plain, unchanged)
     assert np.abs(learned - same).max() > 0.01

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from depthprint import Encoder, LoopClosureDetector, PlaceDatabase
 from depthprint.complexity_recognizer import ComplexityRecognizer
+from depthprint.encoder import load_shipped_encoder
 from depthprint.encoding_arrays import pack_encoding, unpack_encoding
 from depthprint.errors import DataError, DepthprintError, FingerprintError, SettingsError
 from depthprint.place import Place
 from depthprint.place_merge import merge_maps
-from depthprint.place_methods import load_shipped_encoder
 from depthprint.voxels import voxel_points
 from synthetic import boxes, crop
 

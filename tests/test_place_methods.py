@@ -127,18 +127,18 @@ def test_scan_context_like_finds_the_shift_of_a_turned_view(models):
 def test_geometry_looks_at_as_many_places_of_a_rival_as_of_the_detector(
     models, monkeypatch, preset, checked, correlated
 ):
-    import depthprint.cascade
-    import depthprint.verified_recognizer
+    import depthprint.cascade.assembly
+    import depthprint.cascade.verified_recognizer
 
     asked = []
 
-    class Counted(depthprint.verified_recognizer.VerifiedRecognizer):
+    class Counted(depthprint.cascade.verified_recognizer.VerifiedRecognizer):
         def __init__(self, inner, k, *, correlated, **rest):
             asked.append((k, correlated))
             super().__init__(inner, k, correlated=correlated, **rest)
 
-    monkeypatch.setattr(depthprint.cascade, "VerifiedRecognizer", Counted)
-    monkeypatch.setattr(depthprint.verified_recognizer, "VerifiedRecognizer", Counted)
+    monkeypatch.setattr(depthprint.cascade.assembly, "VerifiedRecognizer", Counted)
+    monkeypatch.setattr(depthprint.cascade.verified_recognizer, "VerifiedRecognizer", Counted)
     for name in ("detector", "scan-context-like+geometry"):
         make_place_recognizer(name, preset, models[preset])
     assert asked == [(checked, correlated)] * 2

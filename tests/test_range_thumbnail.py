@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from depthprint.cascade.range_thumbnail import RangeThumbnails, range_thumbnail
 from depthprint.errors import DataError
 from depthprint.projection import Pinhole, Spherical
 from depthprint.range_image import RangeImage
-from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
 from synthetic import boxes, scan
 
 seeds = st.integers(0, 2**31)

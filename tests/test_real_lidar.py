@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from depthprint.datasets.kitti_odometry import kitti_odometry
-from depthprint.place_methods import load_shipped_encoder
+from depthprint.encoder import load_shipped_encoder
 from depthprint.verification.depth_view import make_depth_view
 from depthprint.verification.verifier import GeometricVerifier
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from depthprint.cascade.verified_recognizer import RECONSIDERED, VerifiedRecognizer
 from depthprint.errors import SettingsError
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.hypotheses import Hypothesis, seconded_from_behind
 from depthprint.verification.temporal_evidence import TemporalEvidence
-from depthprint.verified_recognizer import RECONSIDERED, VerifiedRecognizer
 from place_doubles import Told
 from test_depth_odometry import STEP_M, frame, true_pose
 

@@ -9,8 +9,8 @@ from depthprint.baselines.kernel_descriptors.kinds import KINDS, describe_crops
 from depthprint.baselines.kernel_descriptors.match_features import PYRAMID
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.errors import ModelError, SettingsError
+from depthprint.objects.surface_words import SHIPPED, SurfaceWords
 from depthprint.simulation.objects import simulated_objects
-from depthprint.surface_words import SHIPPED, SurfaceWords
 
 
 @pytest.fixture(scope="module")

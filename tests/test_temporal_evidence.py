@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from depthprint.cascade.verified_recognizer import VerifiedRecognizer
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification import GeometricVerifier, make_depth_view
 from depthprint.verification.hypotheses import Hypothesis
 from depthprint.verification.starts import yaw_pose
 from depthprint.verification.temporal_evidence import TemporalEvidence
-from depthprint.verified_recognizer import VerifiedRecognizer
 from place_doubles import Told
 from test_depth_odometry import STEP_M, frame, true_pose
 from test_verification import block_world

@@ -8,23 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depthprint.class_directions import ClassDirections
-from depthprint.discriminant import KernelDiscriminant
+from depthprint.encoder import load_shipped_encoder
 from depthprint.errors import DataError, ModelError
 from depthprint.io.archive import read_archive, write_archive
-from depthprint.leading_directions import LeadingDirections
-from depthprint.learned_classes import LearnedClasses
-from depthprint.object_methods import make_object_method
-from depthprint.object_recogniser import SHRINKAGE, FusedRecogniser
+from depthprint.objects.calibration import Calibration, calibrate
+from depthprint.objects.class_directions import ClassDirections
+from depthprint.objects.discriminant import KernelDiscriminant
+from depthprint.objects.fused_recogniser import SHRINKAGE, FusedRecogniser
+from depthprint.objects.leading_directions import LeadingDirections
+from depthprint.objects.learned_classes import LearnedClasses
+from depthprint.objects.methods import make_object_method
+from depthprint.objects.recogniser_file import FORMAT, FORMAT_VERSION
+from depthprint.objects.stored_views import store_views
+from depthprint.objects.surface_words import SurfaceWords
+from depthprint.objects.surflet_pairs import pair_vectors
+from depthprint.objects.trained_recogniser import TrainedRecogniser
 from depthprint.partial_views import partial_copies
-from depthprint.place_methods import load_shipped_encoder
-from depthprint.recogniser_calibration import Calibration, calibrate
-from depthprint.recogniser_file import FORMAT, FORMAT_VERSION
 from depthprint.simulation.objects import simulated_objects
-from depthprint.stored_views import store_views
-from depthprint.surface_words import SurfaceWords
-from depthprint.surflet_pairs import pair_vectors
-from depthprint.trained_recogniser import TrainedRecogniser
 
 N_CATEGORIES = 5
 
@@ -135,7 +135,8 @@ def test_the_alignment_of_objects_moves_scores_and_scenes_have_none(recogniser, 
     image = queries(views)[0][1]
     before = recogniser.recognise(image)
     monkeypatch.setattr(
-        "depthprint.trained_recogniser.aligned_agreements", lambda query, stored: np.zeros(len(stored))
+        "depthprint.objects.trained_recogniser.aligned_agreements",
+        lambda query, stored: np.zeros(len(stored)),
     )
     assert recogniser.recognise(image).classes != before.classes
     crops = [image for _, image in views[:6]]
@@ -298,8 +299,8 @@ def test_two_classes_are_too_few_to_learn_the_unknown():
 
 def test_many_views_are_learned_from_without_all_pairs_and_answer_alike(recogniser, views, monkeypatch):
     kept = recogniser.stored.views
-    monkeypatch.setattr("depthprint.learned_classes.MOST_IN_PAIRS", 0)
-    monkeypatch.setattr("depthprint.view_features._BLOCK_ROWS", 7)
+    monkeypatch.setattr("depthprint.objects.learned_classes.MOST_IN_PAIRS", 0)
+    monkeypatch.setattr("depthprint.objects.view_features._BLOCK_ROWS", 7)
     many = LearnedClasses.fit(kept, recogniser.view_labels)
     for alone, among in zip(many.joined.scales, recogniser.learned.joined.scales, strict=True):
         np.testing.assert_allclose(alone, among, rtol=0, atol=1e-6)
@@ -320,7 +321,7 @@ def test_views_are_described_in_blocks_where_there_are_many(views, monkeypatch):
     images = [image for _, image in views[:11]]
     encodings = encoder.describe_many(images)
     words = SurfaceWords.load()
-    monkeypatch.setattr("depthprint.stored_views.DESCRIBED_AT_ONCE", 4)
+    monkeypatch.setattr("depthprint.objects.stored_views.DESCRIBED_AT_ONCE", 4)
     kept = store_views(encoder, encodings, images, 0, words)
     of_views, of_copies = (words.features(of) for of in (images, partial_copies(images)))
     chosen = [0, 3, 6, 10]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.errors import DataError, SettingsError
-from depthprint.linear_object_methods import KernelDescriptorViews
-from depthprint.object_methods import make_object_methods
+from depthprint.objects.linear_methods import KernelDescriptorViews
+from depthprint.objects.methods import make_object_methods
 from depthprint.projection import Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.simulation.meshes import box, merge
@@ -203,7 +203,9 @@ def test_the_row_with_turned_copies_differs_from_the_recogniser_by_them_alone(cr
         return found
 
     plain, learned = scores()
-    monkeypatch.setattr("depthprint.surface_comparisons.turned_copies", lambda images, *_: list(images))
+    monkeypatch.setattr(
+        "depthprint.objects.surface_comparisons.turned_copies", lambda images, *_: list(images)
+    )
     unchanged, same = scores()
     np.testing.assert_array_equal(plain, unchanged)
     assert np.abs(learned - same).max() > 0.01

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from depthprint.errors import DataError, SettingsError
-from depthprint.evaluation.loops import LoopRecord, MethodLoops
+from depthprint.evaluation.loop_record import LoopRecord
+from depthprint.evaluation.loops import MethodLoops
 from depthprint.evaluation.metrics import QueryOutcomes, loop_metrics
 from depthprint.projection import LaserRow, Pinhole, Spherical
 from depthprint.range_image import RangeImage

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from depthprint.encoder import Encoder
+from depthprint.objects.surface_words import SHIPPED, SurfaceWords
 from depthprint.presets import PRESETS
 from depthprint.simulation.training import object_crops, training_images
-from depthprint.surface_words import SHIPPED, SurfaceWords
 
 MODELS = Path(__file__).parents[1] / "src" / "depthprint" / "models"
 SURFACES = SHIPPED.stem

@@ -26,15 +26,16 @@ from typing import TYPE_CHECKING, Any
 from depthprint._version import __version__
 
 if TYPE_CHECKING:
-    from depthprint.cascade import make_cascade
-    from depthprint.cascade_settings import CascadeSettings
+    from depthprint.cascade.assembly import make_cascade
+    from depthprint.cascade.settings import CascadeSettings
+    from depthprint.cascade.verified_recognizer import VerifiedRecognizer
     from depthprint.classification import NearestComplexityClassifier
     from depthprint.datasets.base import LoopTruth, ObjectSet, ObjectView, RangeSequence
     from depthprint.datasets.registry import open_objects, open_sequence
     from depthprint.dictionary import Dictionary
     from depthprint.dictionary_learning import learn_dictionary
     from depthprint.emd import EMDResult, difference_matrix
-    from depthprint.encoder import Encoder
+    from depthprint.encoder import Encoder, load_shipped_encoder
     from depthprint.errors import (
         ConvergenceError,
         DataError,
@@ -46,9 +47,10 @@ if TYPE_CHECKING:
     )
     from depthprint.loop_closure import LoopClosureDetector
     from depthprint.loop_status import LoopResult, LoopStatus
-    from depthprint.object_methods import make_object_method
+    from depthprint.objects.methods import make_object_method
+    from depthprint.objects.trained_recogniser import Recognition, TrainedRecogniser
     from depthprint.place_database import PlaceDatabase
-    from depthprint.place_methods import load_shipped_encoder, make_place_recognizer
+    from depthprint.place_methods import make_place_recognizer
     from depthprint.projection import LaserRow, Pinhole, Projection, Spherical
     from depthprint.range_image import RangeImage
     from depthprint.recognizer import PlaceMatch, PlaceRecognizer
@@ -56,9 +58,7 @@ if TYPE_CHECKING:
     from depthprint.signature import GroundDistance, Signature, SignatureBatch
     from depthprint.signature_index import SignatureIndex, StreamDistance
     from depthprint.sparse_coding import SparseModel, sparse_code
-    from depthprint.trained_recogniser import Recognition, TrainedRecogniser
     from depthprint.verification import GeometricVerifier, Verification, make_depth_view
-    from depthprint.verified_recognizer import VerifiedRecognizer
 
 __all__ = [
     "CascadeSettings",
@@ -120,7 +120,7 @@ _HOMES = {
     "depthprint.dictionary": ("Dictionary",),
     "depthprint.dictionary_learning": ("learn_dictionary",),
     "depthprint.emd": ("EMDResult", "difference_matrix"),
-    "depthprint.encoder": ("Encoder",),
+    "depthprint.encoder": ("Encoder", "load_shipped_encoder"),
     "depthprint.errors": (
         "ConvergenceError",
         "DataError",
@@ -130,13 +130,13 @@ _HOMES = {
         "ModelError",
         "SettingsError",
     ),
-    "depthprint.cascade": ("make_cascade",),
-    "depthprint.cascade_settings": ("CascadeSettings",),
+    "depthprint.cascade.assembly": ("make_cascade",),
+    "depthprint.cascade.settings": ("CascadeSettings",),
     "depthprint.loop_closure": ("LoopClosureDetector",),
     "depthprint.loop_status": ("LoopResult", "LoopStatus"),
-    "depthprint.object_methods": ("make_object_method",),
+    "depthprint.objects.methods": ("make_object_method",),
     "depthprint.place_database": ("PlaceDatabase",),
-    "depthprint.place_methods": ("load_shipped_encoder", "make_place_recognizer"),
+    "depthprint.place_methods": ("make_place_recognizer",),
     "depthprint.projection": ("LaserRow", "Pinhole", "Projection", "Spherical"),
     "depthprint.range_image": ("RangeImage",),
     "depthprint.recognizer": ("PlaceMatch", "PlaceRecognizer"),
@@ -145,8 +145,8 @@ _HOMES = {
     "depthprint.signature_index": ("SignatureIndex", "StreamDistance"),
     "depthprint.sparse_coding": ("SparseModel", "sparse_code"),
     "depthprint.verification": ("GeometricVerifier", "Verification", "make_depth_view"),
-    "depthprint.verified_recognizer": ("VerifiedRecognizer",),
-    "depthprint.trained_recogniser": ("Recognition", "TrainedRecogniser"),
+    "depthprint.cascade.verified_recognizer": ("VerifiedRecognizer",),
+    "depthprint.objects.trained_recogniser": ("Recognition", "TrainedRecogniser"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 

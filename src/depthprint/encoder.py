@@ -32,7 +32,7 @@ from depthprint.views import View, make_view, make_views, mirrored_view
 if TYPE_CHECKING:
     from depthprint.signature_index import SignatureIndex
 
-__all__ = ["Encoder"]
+__all__ = ["Encoder", "load_shipped_encoder"]
 
 Progress = Callable[[int, int], None]
 FloatArray = npt.NDArray[np.float64]
@@ -183,3 +183,10 @@ class Encoder:
     def _require_fitted(self) -> None:
         if not self.fitted:
             raise ModelError(f"encoder {self.settings.name!r}: not fitted; call fit() or load a model")
+
+
+def load_shipped_encoder(preset: str) -> Encoder:
+    """Load the encoder, trained on simulated worlds, that ships for a preset; ModelError where none does."""
+    from depthprint.encoder_file import shipped_model_path
+
+    return Encoder.load(shipped_model_path(preset))

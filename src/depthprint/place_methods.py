@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from depthprint.encoder import Encoder
+from depthprint.encoder import Encoder, load_shipped_encoder
 from depthprint.encoder_ablations import random_patches, without_coding
-from depthprint.encoder_file import shipped_model_path
 from depthprint.errors import ModelError, SettingsError
 from depthprint.presets import bird_eye_columns, preset_settings
 from depthprint.range_image import RangeImage
@@ -22,7 +21,6 @@ __all__ = [
     "PLACE_METHODS",
     "WITH_GEOMETRY",
     "PlaceMethodContext",
-    "load_shipped_encoder",
     "make_place_recognizer",
 ]
 
@@ -64,11 +62,6 @@ class PlaceMethodContext:
     def polar(self) -> tuple[PolarSettings, tuple[str, ...], int]:
         """Bird's-eye grid, channels and largest shift that suit the data."""
         return bird_eye_columns(preset_settings(self.preset))
-
-
-def load_shipped_encoder(preset: str) -> Encoder:
-    """The encoder, trained on simulated worlds, that ships for a preset."""
-    return Encoder.load(shipped_model_path(preset))
 
 
 def _emd_with(
@@ -168,8 +161,8 @@ def _detector_with(
     """The detector with some settings of its cascade, or over another encoder."""
 
     def make(context: PlaceMethodContext) -> PlaceRecognizer:
-        from depthprint.cascade import make_cascade
-        from depthprint.cascade_settings import CascadeSettings
+        from depthprint.cascade.assembly import make_cascade
+        from depthprint.cascade.settings import CascadeSettings
 
         return make_cascade(context.encoder(ablated), CascadeSettings(**stages), views=context.views)
 
@@ -241,9 +234,9 @@ def make_place_recognizer(
     recognizer = PLACE_METHODS[plain](context)
     if plain == name:
         return recognizer
-    from depthprint.cascade import places_checked, places_correlated
-    from depthprint.cascade_settings import CascadeSettings
-    from depthprint.verified_recognizer import VerifiedRecognizer
+    from depthprint.cascade.assembly import places_checked, places_correlated
+    from depthprint.cascade.settings import CascadeSettings
+    from depthprint.cascade.verified_recognizer import VerifiedRecognizer
 
     polar, settings = context.polar()[0], preset_settings(preset)
     return VerifiedRecognizer(

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from depthprint.errors import DataError
 from depthprint.evaluation.ground_truth import TruthMatrix
-from depthprint.evaluation.loops import LoopRecord, MethodLoops, score_records
+from depthprint.evaluation.loop_record import LoopRecord
+from depthprint.evaluation.loops import MethodLoops, score_records
 
 __all__ = ["ImportedMatch", "read_match_file", "score_matches"]
 

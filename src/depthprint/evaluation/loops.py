@@ -12,6 +12,7 @@ import numpy.typing as npt
 from depthprint.datasets.base import LoopTruth, RangeSequence
 from depthprint.errors import DataError, SettingsError
 from depthprint.evaluation.ground_truth import TruthMatrix, loop_ground_truth
+from depthprint.evaluation.loop_record import LoopRecord
 from depthprint.evaluation.metrics import (
     Interval,
     LoopMetrics,
@@ -25,28 +26,11 @@ from depthprint.evaluation.pose_errors import PoseErrors, match_pose_error, pose
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, ReconsideringRecognizer
 
-__all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "LoopRecord", "MethodLoops", "evaluate_loops", "score_records"]
+__all__ = ["LOOP_PROTOCOL", "LoopEvaluation", "MethodLoops", "evaluate_loops", "score_records"]
 
 LOOP_PROTOCOL = "loops, query-wise and causal"
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class LoopRecord:
-    """One query of one method; ``match`` is -1 and ``distance`` NaN where no match was made.
-
-    translation_error_m, rotation_error_deg: of a match's T_match_query that geometry accepted, where poses are known.
-    """
-
-    query: int
-    match: int
-    distance: float
-    shift: float | None
-    outcome: int
-    has_positive: bool
-    translation_error_m: float | None = None
-    rotation_error_deg: float | None = None
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.evaluation.loop_record import LoopRecord
 from depthprint.rigid_motion import inverse_pose, rotation_angle
-
-if TYPE_CHECKING:
-    from depthprint.evaluation.loops import LoopRecord
 
 __all__ = ["PoseErrors", "match_pose_error", "pose_errors"]
 

@@ -37,7 +37,7 @@ def run_classify(
     Raises DataError naming the file or folder that cannot be used.
     """
     from depthprint.classification import NearestComplexityClassifier
-    from depthprint.object_distances import complexity_distances
+    from depthprint.objects.distances import complexity_distances
 
     image = read_view(query)
     files = [file for file in labelled_files(against) if file.path.resolve() != query.resolve()]

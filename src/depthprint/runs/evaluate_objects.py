@@ -69,7 +69,7 @@ def run_evaluate_objects(
         object_rows,
         results_table,
     )
-    from depthprint.object_methods import make_object_methods, table_methods
+    from depthprint.objects.methods import make_object_methods, table_methods
     from depthprint.run_folder import RunFolder
     from depthprint.visualization.confusion_matrix import draw_confusion_matrix
 

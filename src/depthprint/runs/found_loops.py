@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.evaluation.loops import LoopRecord
+from depthprint.evaluation.loop_record import LoopRecord
 
 __all__ = ["FoundLoops", "SampledDistances"]
 

@@ -16,7 +16,7 @@ __all__ = ["describe_file", "describe_installation"]
 def describe_installation() -> dict[str, str]:
     """Versions of depthprint and what computes for it, and the names of presets, data sets and methods."""
     from depthprint.datasets.registry import OBJECT_SETS, SEQUENCES
-    from depthprint.object_methods import OBJECT_METHODS
+    from depthprint.objects.methods import OBJECT_METHODS
     from depthprint.place_methods import PLACE_METHODS
     from depthprint.presets import PRESETS
     from depthprint.run_folder import versions
@@ -39,7 +39,7 @@ def describe_file(path: Path) -> dict[str, str]:
         return {"signatures": str(path), **facts}
     if header["format"] == FORMAT:
         return _describe_model(path)
-    from depthprint.recogniser_file import FORMAT as RECOGNISER_FORMAT
+    from depthprint.objects.recogniser_file import FORMAT as RECOGNISER_FORMAT
 
     if header["format"] == RECOGNISER_FORMAT:
         return _describe_recogniser(path)
@@ -62,7 +62,7 @@ def _describe_model(path: Path) -> dict[str, str]:
 
 
 def _describe_recogniser(path: Path) -> dict[str, str]:
-    from depthprint.trained_recogniser import TrainedRecogniser
+    from depthprint.objects.trained_recogniser import TrainedRecogniser
 
     recogniser = TrainedRecogniser.load(path)
     return {

@@ -115,8 +115,8 @@ def run_map_localise(
 
 
 def _recognizer(database: PlaceDatabase, checked: bool) -> PlaceRecognizer:
-    from depthprint.cascade import make_cascade
-    from depthprint.cascade_settings import CascadeSettings
+    from depthprint.cascade.assembly import make_cascade
+    from depthprint.cascade.settings import CascadeSettings
     from depthprint.complexity_recognizer import ComplexityRecognizer
 
     encoder = database.load_encoder()
@@ -146,7 +146,7 @@ def _can_be_checked(database: PlaceDatabase) -> bool:
 
 def _threshold_of_map(database: PlaceDatabase, stages: Stages) -> float | None:
     from depthprint.encoding_arrays import unpack_encoding
-    from depthprint.object_distances import complexity_distances
+    from depthprint.objects.distances import complexity_distances
 
     chosen = np.array(spread(len(database), _SAMPLED_PLACES), dtype=np.int64)
     far = chosen[:, None] - chosen[None, :] > min(_FAR_APART, len(database) // 4)

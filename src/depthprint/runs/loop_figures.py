@@ -13,7 +13,8 @@ from depthprint.datasets.base import RangeSequence
 if TYPE_CHECKING:
     from depthprint.encoder import Encoder
     from depthprint.encoding import Encoding
-    from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
+    from depthprint.evaluation.loop_record import LoopRecord
+    from depthprint.evaluation.loops import LoopEvaluation
     from depthprint.range_image import RangeImage
     from depthprint.run_folder import RunFolder
     from depthprint.runs.found_loops import FoundLoops, SampledDistances

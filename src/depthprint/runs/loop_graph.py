@@ -19,7 +19,7 @@ from depthprint.verification.view_cache import ViewCache
 if TYPE_CHECKING:
     from depthprint.datasets.base import RangeSequence
     from depthprint.encoder import Encoder
-    from depthprint.evaluation.loops import LoopRecord
+    from depthprint.evaluation.loop_record import LoopRecord
     from depthprint.run_folder import RunFolder
     from depthprint.runs.stages import Stages
 

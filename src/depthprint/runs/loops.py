@@ -22,7 +22,8 @@ from depthprint.runs.threshold import background_threshold
 if TYPE_CHECKING:
     from depthprint.encoder import Encoder
     from depthprint.evaluation.ground_truth import TruthMatrix
-    from depthprint.evaluation.loops import LoopEvaluation, LoopRecord
+    from depthprint.evaluation.loop_record import LoopRecord
+    from depthprint.evaluation.loops import LoopEvaluation
     from depthprint.range_image import RangeImage
 
 __all__ = ["run_loops", "sample_distances", "truth_with_gap"]
@@ -148,7 +149,7 @@ def _truth(sequence: RangeSequence, stages: Stages) -> TruthMatrix:
 
 def sample_distances(sequence: RangeSequence, encoder: Encoder, stages: Stages) -> SampledDistances:
     """All distances between at most 200 frames, evenly spread."""
-    from depthprint.object_distances import complexity_distances
+    from depthprint.objects.distances import complexity_distances
 
     frames = spread(len(sequence), _SAMPLED_FRAMES)
     progress = stages("compare a sample")

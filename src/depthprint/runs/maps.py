@@ -39,8 +39,8 @@ def run_map_build(
 
     ``voxel_m`` keeps points too, one a voxel of that side. The file appears when the last frame was described.
     """
-    from depthprint.cascade import make_cascade
-    from depthprint.cascade_settings import CascadeSettings
+    from depthprint.cascade.assembly import make_cascade
+    from depthprint.cascade.settings import CascadeSettings
     from depthprint.io.atomic import atomic_path
     from depthprint.loop_closure import LoopClosureDetector
     from depthprint.place_database import PlaceDatabase

@@ -42,6 +42,6 @@ def require_model(model: Path | None, preset: str | None, suited: str) -> Encode
     name, encoder = choose_model(model, preset, suited)
     if encoder is not None:
         return encoder
-    from depthprint.place_methods import load_shipped_encoder
+    from depthprint.encoder import load_shipped_encoder
 
     return load_shipped_encoder(name)

@@ -12,7 +12,7 @@ from depthprint.runs.models import require_model
 from depthprint.runs.stages import Stages, silent
 
 if TYPE_CHECKING:
-    from depthprint.trained_recogniser import Recognition
+    from depthprint.objects.trained_recogniser import Recognition
 
 __all__ = ["TrainedObjects", "run_recognise", "run_train_objects"]
 
@@ -43,7 +43,7 @@ def run_train_objects(
     preset is ``object`` unless said otherwise; one for places makes a recogniser of kinds of places. Raises DataError,
     ModelError as its parts do.
     """
-    from depthprint.trained_recogniser import TrainedRecogniser
+    from depthprint.objects.trained_recogniser import TrainedRecogniser
 
     files = labelled_files(folder)
     encoder = require_model(model, preset, "object")
@@ -68,7 +68,7 @@ def run_train_objects(
 
 def run_recognise(queries: Sequence[Path], model: Path) -> Recognition:
     """Recognise what depth images show, all of one object or place, with a saved recogniser."""
-    from depthprint.trained_recogniser import TrainedRecogniser
+    from depthprint.objects.trained_recogniser import TrainedRecogniser
 
     recogniser = TrainedRecogniser.load(model)
     return recogniser.recognise([read_view(query) for query in queries])

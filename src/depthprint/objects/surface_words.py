@@ -21,7 +21,7 @@ from depthprint.baselines.kernel_descriptors.patch_grid import PatchDescriptors,
 from depthprint.baselines.kernel_descriptors.spin import PATCH_PX
 from depthprint.errors import DepthprintError, ModelError, SettingsError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
-from depthprint.object_kernels import unit_rows
+from depthprint.objects.kernels import unit_rows
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 
@@ -36,7 +36,7 @@ POINTS_MARGIN_PX = 20
 # Kinds whose patches are centred all over the object, however thin it is: chosen on objects of training folds, where
 # patterns did better on the crop as it comes.
 MARGINS_PX = {"gradient": 12, "spin": POINTS_MARGIN_PX, "size": POINTS_MARGIN_PX}
-SHIPPED = Path(__file__).parent / "models" / "object-surfaces.npz"
+SHIPPED = Path(__file__).parents[1] / "models" / "object-surfaces.npz"
 
 
 @dataclass(frozen=True)

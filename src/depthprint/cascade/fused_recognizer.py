@@ -11,16 +11,16 @@ import numpy.typing as npt
 
 from depthprint.baselines.cosine import CosineRecognizer
 from depthprint.baselines.scan_context_like import ScanContextLikeRecognizer
-from depthprint.cascade_settings import CascadeSettings
+from depthprint.cascade.proposals import spread_in_time, taken_in_turn
+from depthprint.cascade.range_thumbnail import RangeThumbnails, range_thumbnail
+from depthprint.cascade.settings import CascadeSettings
 from depthprint.complexity_recognizer import ComplexityRecognizer
 from depthprint.encoded_places import EncodedPlaces
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.presets import bird_eye_columns, is_planar
-from depthprint.proposals import spread_in_time, taken_in_turn
 from depthprint.range_image import RangeImage
-from depthprint.range_thumbnail import RangeThumbnails, range_thumbnail
 from depthprint.recognizer import PlaceMatch
 
 __all__ = ["FusedEncoding", "FusedRecognizer"]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.evaluation.object_methods import ObjectMethod
-from depthprint.object_alignment import aligned_agreements, checked_scores
+from depthprint.objects.alignment import aligned_agreements, checked_scores
 from depthprint.range_image import RangeImage
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class ViewAgreements:
 
     def _surface(self, number: int) -> SeenSurface:
         if number not in self._surfaces:
-            from depthprint.object_surface import object_surface
+            from depthprint.objects.seen_surface import object_surface
 
             self._surfaces[number] = object_surface(self._images[number])
         return self._surfaces[number]

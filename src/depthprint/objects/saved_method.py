@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
+from depthprint.objects.stored_views import StoredViews, store_views
+from depthprint.objects.surface_words import SurfaceWords
+from depthprint.objects.trained_recogniser import left_out_scores
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
-from depthprint.stored_views import StoredViews, store_views
-from depthprint.surface_words import SurfaceWords
-from depthprint.trained_recogniser import left_out_scores
 
 __all__ = ["SavedRecogniserMethod"]
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.checked_places import distance_of
-from depthprint.checked_query import MOST_TURN_RAD, CheckedQuery
+from depthprint.cascade.checked_places import distance_of
+from depthprint.cascade.checked_query import MOST_TURN_RAD, CheckedQuery
+from depthprint.cascade.proposals import spread_in_time
 from depthprint.errors import SettingsError
 from depthprint.polar_view import turn_of_shift
-from depthprint.proposals import spread_in_time
 from depthprint.range_image import RangeImage
 from depthprint.recognizer import PlaceMatch, PlaceRecognizer, StorableRecognizer
 from depthprint.verification.depth_view import DepthView, make_depth_view

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.checked_places import CheckedPlaces
+from depthprint.cascade.checked_places import CheckedPlaces
 from depthprint.recognizer import PlaceMatch
 from depthprint.verification.depth_view import DepthView
 from depthprint.verification.frame_evidence import FrameEvidence

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError
-from depthprint.object_kernels import unit_rows
-from depthprint.object_recogniser import KERNEL_SHARES, ViewComparison, fused_comparison
+from depthprint.objects.fused_recogniser import KERNEL_SHARES, ViewComparison, fused_comparison
+from depthprint.objects.kernels import unit_rows
 
 __all__ = ["FEW_ROWS", "ViewFeatures", "few_products"]
 

@@ -12,15 +12,15 @@ import numpy.typing as npt
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
-from depthprint.object_distances import (
+from depthprint.objects.distances import (
     MirroredDistances,
     compare_codes,
     compare_complexities,
     relaxed_distances,
 )
-from depthprint.object_kernels import code_features
+from depthprint.objects.kernels import code_features
+from depthprint.objects.surface_comparisons import SurfaceComparisons, SurfaceKernels
 from depthprint.range_image import RangeImage
-from depthprint.surface_comparisons import SurfaceComparisons, SurfaceKernels
 
 __all__ = ["ObjectComparisons"]
 

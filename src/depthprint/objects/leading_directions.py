@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError
-from depthprint.object_kernels import unit_rows
-from depthprint.view_features import FEW_ROWS
+from depthprint.objects.kernels import unit_rows
+from depthprint.objects.view_features import FEW_ROWS
 
 __all__ = ["MAX_DIRECTIONS", "LeadingDirections"]
 

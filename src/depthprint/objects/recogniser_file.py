@@ -13,18 +13,18 @@ from depthprint.encoder_file import model_of_parts, model_parts
 from depthprint.encoding import Encoding
 from depthprint.errors import DepthprintError, ModelError
 from depthprint.io.archive import DAMAGED, read_archive, write_archive
-from depthprint.leading_directions import LeadingDirections
-from depthprint.learned_classes import LearnedClasses
-from depthprint.object_kernels import DistanceFeatures
-from depthprint.recogniser_calibration import Calibration
+from depthprint.objects.calibration import Calibration
+from depthprint.objects.kernels import DistanceFeatures
+from depthprint.objects.leading_directions import LeadingDirections
+from depthprint.objects.learned_classes import LearnedClasses
+from depthprint.objects.stored_geometry import StoredGeometry
+from depthprint.objects.stored_views import StoredViews
+from depthprint.objects.surface_words import SurfaceWords
+from depthprint.objects.view_features import ViewFeatures
 from depthprint.signature import SignatureBatch
-from depthprint.stored_geometry import StoredGeometry
-from depthprint.stored_views import StoredViews
-from depthprint.surface_words import SurfaceWords
-from depthprint.view_features import ViewFeatures
 
 if TYPE_CHECKING:
-    from depthprint.trained_recogniser import TrainedRecogniser
+    from depthprint.objects.trained_recogniser import TrainedRecogniser
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
 
@@ -88,7 +88,7 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
 
 def load_recogniser(path: Path) -> TrainedRecogniser:
     """Read what ``save_recogniser`` wrote; anything else raises ModelError naming the file and what is wrong."""
-    from depthprint.trained_recogniser import TrainedRecogniser
+    from depthprint.objects.trained_recogniser import TrainedRecogniser
 
     header, arrays = read_archive(path, "recogniser (of 'depthprint train-objects')", FORMAT, FORMAT_VERSION)
     try:

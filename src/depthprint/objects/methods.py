@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.encoder import Encoder
+from depthprint.encoder import Encoder, load_shipped_encoder
 from depthprint.encoder_ablations import UncodedEncoder, random_patches, without_mirror, without_root
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
-from depthprint.object_comparisons import ObjectComparisons
-from depthprint.object_distances import compression_distances, pixel_distances
-from depthprint.place_methods import load_shipped_encoder
+from depthprint.objects.comparisons import ObjectComparisons
+from depthprint.objects.distances import compression_distances, pixel_distances
+from depthprint.objects.surface_comparisons import SurfaceComparisons
 from depthprint.range_image import RangeImage
-from depthprint.surface_comparisons import SurfaceComparisons
 
 if TYPE_CHECKING:
-    from depthprint.linear_object_methods import LinearSvmMethod
+    from depthprint.objects.linear_methods import LinearSvmMethod
 
 __all__ = ["LOCAL_SCALING", "OBJECT_METHODS", "make_object_method", "make_object_methods", "table_methods"]
 
@@ -54,7 +53,7 @@ NOT_IN_TABLE = ("ncd-lzma", "ncd-zstd", "with-turned", "kdes-all-aided-turned")
 
 
 def _nearest(name: str, encoder: Encoder, kind: str) -> ObjectMethod:
-    from depthprint.encoded_methods import EncodedNearest
+    from depthprint.objects.encoded_methods import EncodedNearest
 
     return EncodedNearest(name, ObjectComparisons(encoder), kind, LOCAL_SCALING)
 
@@ -68,27 +67,27 @@ def _emd_literal(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _emd_svm(name: str, encoder: Encoder) -> ObjectMethod:
-    from depthprint.encoded_methods import EncodedSVM
+    from depthprint.objects.encoded_methods import EncodedSVM
 
     return EncodedSVM(name, ObjectComparisons(encoder))
 
 
 def _fused(name: str, encoder: Encoder, parts: Sequence[str] | None = None) -> ObjectMethod:
-    from depthprint.encoded_methods import ALL_PARTS, EncodedRecogniser
+    from depthprint.objects.encoded_methods import ALL_PARTS, EncodedRecogniser
 
     return EncodedRecogniser(name, ObjectComparisons(encoder), parts=ALL_PARTS if parts is None else parts)
 
 
 def _recogniser(name: str, encoder: Encoder) -> ObjectMethod:
-    from depthprint.encoded_methods import EncodedRecogniser
-    from depthprint.geometry_checked import GeometryChecked
-    from depthprint.object_alignment import AGREEMENT_WEIGHT
+    from depthprint.objects.alignment import AGREEMENT_WEIGHT
+    from depthprint.objects.encoded_methods import EncodedRecogniser
+    from depthprint.objects.geometry_checked import GeometryChecked
 
     return GeometryChecked(name, EncodedRecogniser(name, ObjectComparisons(encoder)), AGREEMENT_WEIGHT)
 
 
 def _saved(name: str, encoder: Encoder) -> ObjectMethod:
-    from depthprint.saved_recogniser_method import SavedRecogniserMethod
+    from depthprint.objects.saved_method import SavedRecogniserMethod
 
     return SavedRecogniserMethod(name, encoder)
 
@@ -102,7 +101,7 @@ def _fused_of_parts(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _no_partial(name: str, encoder: Encoder) -> ObjectMethod:
-    from depthprint.encoded_methods import EncodedRecogniser
+    from depthprint.objects.encoded_methods import EncodedRecogniser
 
     return EncodedRecogniser(name, ObjectComparisons(encoder), partial=False)
 
@@ -146,7 +145,7 @@ def _compression(name: str, encoder: Encoder) -> ObjectMethod:
 
 def _kernel_descriptors(name: str, encoder: Encoder) -> LinearSvmMethod:
     from depthprint.baselines.kernel_descriptors.kinds import KINDS
-    from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
+    from depthprint.objects.linear_methods import KernelDescriptorViews, LinearSvmMethod
 
     kind, *options = name.removeprefix("kdes-").split("-")
     aided = "aided" in options
@@ -161,21 +160,21 @@ def _kernel_descriptors(name: str, encoder: Encoder) -> LinearSvmMethod:
 
 
 def _checked_kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
-    from depthprint.geometry_checked import GeometryChecked
+    from depthprint.objects.geometry_checked import GeometryChecked
 
     return GeometryChecked(name, _kernel_descriptors(name, encoder), KDES_AGREEMENT_WEIGHT)
 
 
 def _hog(name: str, encoder: Encoder) -> ObjectMethod:
     from depthprint.baselines.hog import hog_features
-    from depthprint.linear_object_methods import FixedFeatures, LinearSvmMethod
+    from depthprint.objects.linear_methods import FixedFeatures, LinearSvmMethod
 
     return LinearSvmMethod(name, FixedFeatures(hog_features), C=HOG_C)
 
 
 def _sparse_pyramid(name: str, encoder: Encoder) -> ObjectMethod:
     from depthprint.baselines.sparse_pyramid import sparse_pyramid_features
-    from depthprint.linear_object_methods import FixedFeatures, LinearSvmMethod
+    from depthprint.objects.linear_methods import FixedFeatures, LinearSvmMethod
 
     features = FixedFeatures(lambda images, progress: sparse_pyramid_features(encoder, images, progress))
     return LinearSvmMethod(name, features, C=SPARSE_PYRAMID_C)
@@ -251,8 +250,8 @@ def make_object_methods(
 
     Raises as ``make_object_method`` does.
     """
-    from depthprint.encoded_methods import EncodedMethod
-    from depthprint.geometry_checked import GeometryChecked, ViewAgreements
+    from depthprint.objects.encoded_methods import EncodedMethod
+    from depthprint.objects.geometry_checked import GeometryChecked, ViewAgreements
 
     encoder = load_shipped_encoder(preset) if model is None else model
     methods = [make_object_method(name, preset, encoder) for name in names]
@@ -277,7 +276,7 @@ def _share_descriptors(methods: Sequence[ObjectMethod]) -> None:
     """Let rows of kernel descriptors with the same options describe views and learn words once."""
     if not any(method.name.startswith("kdes-") for method in methods):
         return
-    from depthprint.linear_object_methods import KernelDescriptorViews, LinearSvmMethod
+    from depthprint.objects.linear_methods import KernelDescriptorViews, LinearSvmMethod
 
     shared: dict[tuple[object, ...], KernelDescriptorViews] = {}
     for method in methods:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.class_directions import ClassDirections
 from depthprint.errors import DataError
-from depthprint.object_recogniser import LOCAL_SCALING, FusedRecogniser, JoinedScores, nearest_weights
-from depthprint.view_features import ViewFeatures
+from depthprint.objects.class_directions import ClassDirections
+from depthprint.objects.fused_recogniser import LOCAL_SCALING, FusedRecogniser, JoinedScores, nearest_weights
+from depthprint.objects.view_features import ViewFeatures
 
 __all__ = ["MOST_IN_PAIRS", "LearnedClasses"]
 

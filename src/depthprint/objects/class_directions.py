@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.baselines.linear_svm import linear_directions
-from depthprint.discriminant import discriminant_directions
-from depthprint.object_recogniser import MACHINE_C, SHRINKAGE, FusedRecogniser
-from depthprint.view_features import ViewFeatures
+from depthprint.objects.discriminant import discriminant_directions
+from depthprint.objects.fused_recogniser import MACHINE_C, SHRINKAGE, FusedRecogniser
+from depthprint.objects.view_features import ViewFeatures
 
 __all__ = ["ClassDirections"]
 

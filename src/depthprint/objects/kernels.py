@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
-from depthprint.object_distances import MirroredDistances
+from depthprint.objects.distances import MirroredDistances
 
 __all__ = ["DistanceFeatures", "code_features", "code_vectors", "mirrored_encodings", "unit_rows"]
 

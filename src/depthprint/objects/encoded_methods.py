@@ -9,18 +9,18 @@ import numpy.typing as npt
 
 from depthprint.classification import NearestComplexityClassifier
 from depthprint.errors import DataError, SettingsError
-from depthprint.object_comparisons import ObjectComparisons
-from depthprint.object_distances import MirroredDistances
-from depthprint.object_kernels import DistanceFeatures
-from depthprint.object_recogniser import (
+from depthprint.objects.comparisons import ObjectComparisons
+from depthprint.objects.distances import MirroredDistances
+from depthprint.objects.fused_recogniser import (
     KERNEL_SHARES,
     FusedRecogniser,
     ViewComparison,
     fused_comparison,
     nearest_weights,
 )
+from depthprint.objects.kernels import DistanceFeatures
+from depthprint.objects.surface_comparisons import PARTIAL, TURNED, VIEWS, SurfaceKernels
 from depthprint.range_image import RangeImage
-from depthprint.surface_comparisons import PARTIAL, TURNED, VIEWS, SurfaceKernels
 
 __all__ = ["ALL_PARTS", "EncodedMethod", "EncodedNearest", "EncodedRecogniser", "EncodedSVM"]
 

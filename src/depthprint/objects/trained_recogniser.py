@@ -13,15 +13,15 @@ import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
-from depthprint.learned_classes import LearnedClasses
-from depthprint.object_alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
-from depthprint.object_surface import object_surface
+from depthprint.objects.alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
+from depthprint.objects.calibration import Calibration, calibrate
+from depthprint.objects.learned_classes import LearnedClasses
+from depthprint.objects.seen_surface import object_surface
+from depthprint.objects.stored_geometry import StoredGeometry
+from depthprint.objects.stored_views import StoredViews, store_views
+from depthprint.objects.surface_words import SurfaceWords
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
-from depthprint.recogniser_calibration import Calibration, calibrate
-from depthprint.stored_geometry import StoredGeometry
-from depthprint.stored_views import StoredViews, store_views
-from depthprint.surface_words import SurfaceWords
 
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface
@@ -162,14 +162,14 @@ class TrainedRecogniser:
 
     def save(self, path: Path | str) -> Path:
         """Write one file, without pickle; it appears whole or not at all."""
-        from depthprint.recogniser_file import save_recogniser
+        from depthprint.objects.recogniser_file import save_recogniser
 
         return save_recogniser(self, Path(path))
 
     @classmethod
     def load(cls, path: Path | str) -> TrainedRecogniser:
         """Read a recogniser; a damaged file, or one of another kind or version, raises ModelError naming it."""
-        from depthprint.recogniser_file import load_recogniser
+        from depthprint.objects.recogniser_file import load_recogniser
 
         return load_recogniser(Path(path))
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.classification import NearestComplexityClassifier
-from depthprint.discriminant import KernelDiscriminant
 from depthprint.errors import DataError, ModelError
+from depthprint.objects.discriminant import KernelDiscriminant
 
 __all__ = [
     "KERNEL_SHARES",

@@ -45,7 +45,7 @@ def pair_features(surface: SeenSurface) -> Float32Array:
 def pair_vectors(images: Sequence[RangeImage], progress: Progress | None = None) -> Float32Array:
     """Vectors (n, N_PAIR_FEATURES) of pinhole crops in metres; raises as ``object_surface`` does."""
     from depthprint._kernels.blocks import for_blocks
-    from depthprint.object_surface import object_surface
+    from depthprint.objects.seen_surface import object_surface
 
     rows = np.empty((len(images), N_PAIR_FEATURES), dtype=np.float32)
 

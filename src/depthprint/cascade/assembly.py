@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 
-from depthprint.cascade_settings import CascadeSettings
+from depthprint.cascade.fused_recognizer import FusedRecognizer
+from depthprint.cascade.settings import CascadeSettings
+from depthprint.cascade.verified_recognizer import VerifiedRecognizer
 from depthprint.encoder import Encoder
-from depthprint.fused_recognizer import FusedRecognizer
 from depthprint.presets import is_planar
 from depthprint.recognizer import PlaceRecognizer
 from depthprint.settings import EncoderSettings
 from depthprint.verification.verifier import GeometricVerifier
 from depthprint.verification.view_cache import ViewCache
-from depthprint.verified_recognizer import VerifiedRecognizer
 
 __all__ = ["make_cascade", "places_checked", "places_correlated"]
 
