@@ -7,13 +7,13 @@ import pytest
 
 from depthprint._kernels.surface_alignment import BACKGROUND, OBJECT, surface_shares
 from depthprint.errors import DataError
+from depthprint.object_surface import SAMPLED_POINTS, object_surface
 from depthprint.objects.alignment import (
     align_object_views,
     aligned_agreements,
     proposed_views,
     with_agreement,
 )
-from depthprint.objects.seen_surface import SAMPLED_POINTS, object_surface
 from depthprint.objects.stored_geometry import LONGEST_SIDE_PX, StoredGeometry, thinned
 from depthprint.partial_views import hide_part
 from depthprint.projection import Pinhole, Spherical
@@ -179,7 +179,7 @@ def test_agreement_lifts_the_class_that_it_is_with():
     assert labels[plain.argmax()] == 5
     assert labels[fused.argmax()] == 3
     added = fused - plain
-    np.testing.assert_allclose(added[[0, 1]], 2.0 * np.exp([0.0, -4.8]))
+    np.testing.assert_allclose(added[[0, 1]], 2.0 * np.exp([0.0, -7.2]))
     # Classes that nothing was aligned with are no better off for it.
     np.testing.assert_allclose(added[[2, 3]], added[1])
 

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from depthprint import Pinhole, RangeImage
 from depthprint._kernels.seen_object import describe_seen, smooth_within
 from depthprint._kernels.surface_alignment import BACKGROUND, OBJECT, UNKNOWN
-from depthprint.objects.seen_surface import object_surface
+from depthprint.object_surface import object_surface
 
 BELL = np.exp(-0.5 * np.arange(5.0) ** 2)
 TAPS = BELL / (2 * BELL.sum() - 1)

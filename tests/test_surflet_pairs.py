@@ -11,11 +11,11 @@ from depthprint._kernels.surface_alignment import OBJECT
 from depthprint._kernels.surflet_pairs import N_ALIKE, N_ANGLES, N_HALFWAY, N_LENGTHS, pair_histograms
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
 from depthprint.errors import DataError
-from depthprint.objects.seen_surface import object_surface
-from depthprint.objects.surflet_pairs import N_PAIR_FEATURES, pair_features, pair_vectors
+from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.simulation.objects import simulated_objects
+from depthprint.surflet_pairs import N_PAIR_FEATURES, pair_features, pair_vectors
 
 SHORTEST, LONGEST = np.array([0.005, 0.01]), np.array([0.4, 0.2])
 

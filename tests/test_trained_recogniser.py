@@ -21,10 +21,10 @@ from depthprint.objects.methods import make_object_method
 from depthprint.objects.recogniser_file import FORMAT, FORMAT_VERSION
 from depthprint.objects.stored_views import store_views
 from depthprint.objects.surface_words import SurfaceWords
-from depthprint.objects.surflet_pairs import pair_vectors
 from depthprint.objects.trained_recogniser import TrainedRecogniser
 from depthprint.partial_views import partial_copies
 from depthprint.simulation.objects import simulated_objects
+from depthprint.surflet_pairs import pair_vectors
 
 N_CATEGORIES = 5
 

@@ -2,31 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings
-from depthprint.views import make_view
+from depthprint.views import View, make_views, mirrored_view
 
-__all__ = ["UncodedEncoder", "random_patches", "without_coding", "without_mirror", "without_root"]
+__all__ = [
+    "UncodedEncoder",
+    "random_patches",
+    "without_coding",
+    "without_mirror",
+    "without_pairs",
+    "without_root",
+]
 
 
 class UncodedEncoder(Encoder):
     """The views themselves, normals and relative depth, where the codes would be; there are no signatures."""
 
-    def _describe(self, image: RangeImage, mirror: bool) -> Encoding:
-        vectors = tuple(
-            make_view(image, stream, self.settings, mirror).channels.reshape(1, -1)
-            for stream in self.settings.streams
-        )
-        return Encoding((), vectors)
+    def describe(self, image: RangeImage) -> Encoding:
+        """The views as they are, as rows (1, c h w)."""
+        views = make_views(image, self.settings)
+        if not self.settings.mirror:
+            return _uncoded(views)
+        turned = [mirrored_view(v, stream) for v, stream in zip(views, self.settings.streams, strict=True)]
+        return replace(_uncoded(views), mirrored=_uncoded(turned))
+
+
+def _uncoded(views: Sequence[View]) -> Encoding:
+    return Encoding((), tuple(view.channels.reshape(1, -1) for view in views))
 
 
 def without_mirror(encoder: Encoder) -> Encoder:
     """The same dictionaries; views are not compared mirrored."""
     return Encoder(encoder.settings.model_copy(update={"mirror": False}), encoder.streams)
+
+
+@lru_cache(maxsize=4)
+def without_pairs(encoder: Encoder) -> Encoder:
+    """The same streams but those of pairs of points; one encoder however often it is asked for."""
+    if all(stream.view != "pairs" for stream in encoder.settings.streams):
+        return encoder
+    streams = zip(encoder.settings.streams, encoder.streams, strict=True)
+    kept = [(settings, model) for settings, model in streams if settings.view != "pairs"]
+    pictured = encoder.settings.model_copy(update={"streams": tuple(settings for settings, _ in kept)})
+    return Encoder(pictured, tuple(model for _, model in kept))
 
 
 def without_root(encoder: Encoder) -> Encoder:

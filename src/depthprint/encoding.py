@@ -126,7 +126,7 @@ def ground_distance(stream: StreamSettings, settings: EncoderSettings) -> Ground
     """The stream's ground distance over its points' coordinates."""
     dims = 0
     if stream.position_weight > 0:
-        dims = 1 if stream.view == "polar" and stream.patch_shape[0] == 0 else 2
+        dims = 1 if stream.patch_shape[0] == 0 else 2
     wraps = settings.polar.full_circle and stream.view == "polar" and dims > 0
     return GroundDistance(
         cap=stream.cap, position_dims=dims, period=stream.position_weight if wraps else None

@@ -32,10 +32,19 @@ def _object() -> EncoderSettings:
         "patch_shape": (8, 8), "stride": 2, "n_nonzero": 4, "clusters": "cells", "cells": (4, 3), "root": True,
         "position_weight": 3.0, "depth_weight": 3.0, "masses": "balanced",
     }  # fmt: skip
+    pairs = {
+        "view": "pairs", "patch_shape": (0, 1), "stride": 1, "n_nonzero": 8, "clusters": "patches",
+        "position_weight": 6.0, "masses": "balanced", "weight": 3.0,
+    }  # fmt: skip
     return EncoderSettings.parse(
         {
             "name": "object",
-            "streams": ({"view": "normals", **common}, {"view": "depth", "weight": 0.5, **common}),
+            "streams": (
+                {"view": "normals", **common},
+                {"view": "depth", "weight": 0.5, **common},
+                {"channels": ("metres",), **pairs},
+                {"channels": ("sizes",), **pairs},
+            ),
             "mirror": True,
         }
     )

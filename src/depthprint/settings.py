@@ -10,7 +10,7 @@ from depthprint.errors import SettingsError
 
 __all__ = ["EncoderSettings", "PolarSettings", "StreamSettings"]
 
-ViewName = Literal["raw-depth", "depth", "normals", "polar"]
+ViewName = Literal["raw-depth", "depth", "normals", "pairs", "polar"]
 AtomKind = Literal["image", "patch"]
 ClusterKind = Literal["atoms", "patches", "cells"]
 
@@ -40,8 +40,9 @@ class PolarSettings(_Frozen):
 class StreamSettings(_Frozen):
     """One view of the image, coded with one dictionary into one signature.
 
-    view: 'raw-depth' (metres, holes filled), 'depth' (relative), 'normals' or 'polar'.
-    channels: channels of a polar view ('height', 'low-count', 'high-count', 'count', 'line-cos', 'line-sin').
+    view: 'raw-depth' (metres, holes filled), 'depth' (relative), 'normals', 'polar' or 'pairs' (of surface points).
+    channels: channels of a polar view ('height', 'low-count', 'high-count', 'count', 'line-cos', 'line-sin'), or of
+        pairs, by their lengths in 'metres' or in 'sizes' of the object.
     size: the view is brought to size x size pixels; a polar view has its own grid.
     atoms, patch_shape, stride: whole-image or patch atoms; a 0 in patch_shape means the whole extent.
     n_atoms, n_nonzero: dictionary size, and atoms per image or patch.
@@ -88,8 +89,8 @@ class StreamSettings(_Frozen):
     def _consistent(self) -> StreamSettings:
         if self.atoms == "image" and self.clusters != "atoms":
             raise ValueError("image atoms have no positions: clusters must be 'atoms'")
-        if self.view == "polar" and not self.channels:
-            raise ValueError("a polar view needs its channels named")
+        if self.view in ("polar", "pairs") and not self.channels:
+            raise ValueError(f"a view of {self.view} needs its channels named")
         return self
 
 

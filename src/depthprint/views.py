@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.errors import SettingsError
 from depthprint.polar_view import polar_view
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.resampling import fill_holes, resample
 from depthprint.settings import EncoderSettings, StreamSettings
+from depthprint.surflet_pairs import PAIR_CHANNELS, pair_view
 
 __all__ = ["View", "make_view", "make_views", "mirrored_view"]
 
@@ -39,18 +41,23 @@ def make_view(
 
     Raises DataError, naming the frame, when the image has no valid pixel.
     """
-    view = _make_view(image, stream, settings, {})
+    view = _make_view(image, stream, settings, _Shared())
     return mirrored_view(view, stream) if mirror else view
 
 
 def make_views(image: RangeImage, settings: EncoderSettings) -> list[View]:
     """The views of all streams in order, as ``make_view`` has them; what they share is computed once."""
-    surfaces: dict[tuple[int, float], _Surface] = {}
-    return [_make_view(image, stream, settings, surfaces) for stream in settings.streams]
+    shared = _Shared()
+    return [_make_view(image, stream, settings, shared) for stream in settings.streams]
 
 
 def mirrored_view(view: View, stream: StreamSettings) -> View:
-    """The view of the mirrored image: left and right exchanged, and the normals' sideways part turned round."""
+    """The view of the mirrored image: left and right exchanged, and the normals' sideways part turned round.
+
+    Pairs of points are the same in the mirror.
+    """
+    if stream.view == "pairs":
+        return view
     channels = view.channels[:, :, ::-1].copy()
     if stream.view == "normals":
         np.negative(channels[0], out=channels[0])
@@ -68,16 +75,29 @@ class _Surface:
     relative: npt.NDArray[np.float64]
 
 
+@dataclass
+class _Shared:
+    """What the streams' views of one image have in common, made by the first that needs it."""
+
+    surfaces: dict[tuple[int, float], _Surface] = field(default_factory=dict)
+    pairs: Float32Array | None = None
+
+
 def _make_view(
     image: RangeImage,
     stream: StreamSettings,
     settings: EncoderSettings,
-    surfaces: dict[tuple[int, float], _Surface],
+    shared: _Shared,
 ) -> View:
     image.require_returns()
     if stream.view == "polar":
         channels = polar_view(image, settings.polar, stream.channels)
         return View(np.ascontiguousarray(channels), np.ones(channels.shape[1:], dtype=bool))
+    if stream.view == "pairs":
+        if shared.pairs is None:
+            shared.pairs = pair_view(image)
+        channels = shared.pairs[[_pair_channel(name) for name in stream.channels]]
+        return View(channels, np.ones(channels.shape[1:], dtype=bool))
     if stream.view == "raw-depth":
         depth = fill_holes(resample(image, stream.size, stream.size).ranges_m)
         # A planar scan is one row: repeated, it is an image that whole-image atoms can code.
@@ -85,9 +105,15 @@ def _make_view(
         channels = np.ascontiguousarray(depth[None], dtype=np.float32)
         return View(channels, np.ones(depth.shape, dtype=bool), channels[0])
     key = (stream.size, stream.smoothing)
-    if key not in surfaces:
-        surfaces[key] = _smoothed_surface(image, *key)
-    return _surface_view(surfaces[key], stream)
+    if key not in shared.surfaces:
+        shared.surfaces[key] = _smoothed_surface(image, *key)
+    return _surface_view(shared.surfaces[key], stream)
+
+
+def _pair_channel(name: str) -> int:
+    if name not in PAIR_CHANNELS:
+        raise SettingsError(f"view 'pairs': expected channels of {', '.join(PAIR_CHANNELS)}, got {name!r}")
+    return PAIR_CHANNELS.index(name)
 
 
 def _smoothed_surface(image: RangeImage, size: int, smoothing: float) -> _Surface:

@@ -69,7 +69,7 @@ def align_object_views(query: RangeImage, stored: RangeImage) -> SurfaceAlignmen
     Point-to-plane by projection. What of the object the query does not show does not count; the stored view is taken
     to show all that its camera could see. Raises DataError as ``object_surface`` does.
     """
-    from depthprint.objects.seen_surface import object_surface
+    from depthprint.object_surface import object_surface
 
     asked = object_surface(query)
     pose, agreement = _aligned(asked, object_surface(stored))

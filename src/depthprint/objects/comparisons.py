@@ -18,7 +18,7 @@ from depthprint.objects.distances import (
     compare_complexities,
     relaxed_distances,
 )
-from depthprint.objects.kernels import code_features
+from depthprint.objects.kernels import code_features, picture_distances
 from depthprint.objects.surface_comparisons import SurfaceComparisons, SurfaceKernels
 from depthprint.range_image import RangeImage
 
@@ -74,12 +74,16 @@ class ObjectComparisons:
         """Cosine distances of the pooled codes of all pairs."""
         return self._once("codes", lambda: compare_codes(self.encoder, self.encodings))
 
+    def pictures(self) -> MirroredDistances:
+        """The same without the streams of pairs of points."""
+        return self._once("pictures", lambda: picture_distances(self.encoder, self.encodings))
+
     def features(self) -> npt.NDArray[np.float32]:
-        """Features (n, d) of the kernel of the pooled codes."""
+        """Features (n, d) of the kernel of the pooled codes, without the streams of pairs."""
         return self._once("features", lambda: code_features(self.encoder, self.encodings))
 
     def code_kernel(self) -> npt.NDArray[np.float32]:
-        """Kernel (n, n) of the pooled codes."""
+        """Kernel (n, n) of the pooled codes, without the streams of pairs."""
         return self._once("code_kernel", lambda: self.features() @ self.features().T)
 
     def surfaces(self) -> SurfaceKernels:

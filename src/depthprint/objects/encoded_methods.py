@@ -32,7 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 MAX_LANDMARKS = 1500
 _SVM_COST = 10.0
 _KINDS_OF_PARTS = {
-    "codes": ("code_kernel", "codes"),
+    "codes": ("code_kernel", "pictures"),
     "complexities": ("complexities",),
     "surfaces": ("surfaces",),
     "sizeless": ("sizeless",),
@@ -192,7 +192,7 @@ class EncodedRecogniser(EncodedMethod):
             if part in self._parts:
                 surfaces: SurfaceKernels = getattr(self.comparisons, part)()
                 return -surfaces.nearer(test, train)
-        return -self.comparisons.codes().nearer()[np.ix_(test, train)].astype(np.float32)
+        return -self.comparisons.pictures().nearer()[np.ix_(test, train)].astype(np.float32)
 
     def _compared(self, part: str, rows: IndexArray, train: IndexArray) -> ViewComparison:
         """How views ``rows`` compare with training views by one part."""
@@ -202,7 +202,7 @@ class EncodedRecogniser(EncodedMethod):
             learned, asked = distance_features(found, train, rows)
             return ViewComparison(asked @ learned.T)
         if part == "codes":
-            nearer = self.comparisons.codes().nearer()
+            nearer = self.comparisons.pictures().nearer()
             return ViewComparison(self.comparisons.code_kernel()[grid], (nearer[grid],))
         surfaces: SurfaceKernels = getattr(self.comparisons, part)()
         among = rows is train

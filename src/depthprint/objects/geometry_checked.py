@@ -59,7 +59,7 @@ class ViewAgreements:
 
     def _surface(self, number: int) -> SeenSurface:
         if number not in self._surfaces:
-            from depthprint.objects.seen_surface import object_surface
+            from depthprint.object_surface import object_surface
 
             self._surfaces[number] = object_surface(self._images[number])
         return self._surfaces[number]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,22 +13,47 @@ from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.objects.distances import MirroredDistances
 
-__all__ = ["DistanceFeatures", "code_features", "code_vectors", "mirrored_encodings", "unit_rows"]
+__all__ = [
+    "DistanceFeatures",
+    "code_features",
+    "code_vectors",
+    "mirrored_encodings",
+    "picture_distances",
+    "unit_rows",
+]
 
 FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 
 def code_vectors(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
-    """Unit vectors (n, d) of the pooled codes of all streams, each with its weight."""
+    """Unit vectors (n, d) of the pooled codes of the streams, each with its weight.
+
+    Streams of pairs of points are left out: the recogniser compares those by themselves.
+    """
+    streams = encoder.settings.streams
+    chosen = [number for number, stream in enumerate(streams) if stream.view != "pairs"] or range(
+        len(streams)
+    )
+    total = sum(streams[number].weight for number in chosen)
     return np.concatenate(
         [
-            np.sqrt(weight).astype(np.float32)
+            np.float32(math.sqrt(streams[number].weight / total))
             * unit_rows(np.stack([e.vectors[number].reshape(-1) for e in encodings]))
-            for number, weight in enumerate(encoder.settings.stream_weights)
+            for number in chosen
         ],
         axis=1,
     )
+
+
+def picture_distances(encoder: Encoder, encodings: Sequence[Encoding]) -> MirroredDistances:
+    """One minus the cosines (n, n) of the views' ``code_vectors``."""
+    vectors = code_vectors(encoder, encodings)
+    straight = np.maximum(1.0 - vectors @ vectors.T, 0.0)
+    if not encoder.settings.mirror:
+        return MirroredDistances(straight)
+    crossed = code_vectors(encoder, mirrored_encodings(encodings)) @ vectors.T
+    return MirroredDistances(straight, np.maximum(1.0 - (crossed + crossed.T) / 2, 0.0))
 
 
 def mirrored_encodings(encodings: Sequence[Encoding]) -> list[Encoding]:

@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder, load_shipped_encoder
-from depthprint.encoder_ablations import UncodedEncoder, random_patches, without_mirror, without_root
+from depthprint.encoder_ablations import (
+    UncodedEncoder,
+    random_patches,
+    without_mirror,
+    without_pairs,
+    without_root,
+)
 from depthprint.errors import ModelError, SettingsError
 from depthprint.evaluation.object_methods import ObjectMethod, PrecomputedDistanceMethod
 from depthprint.objects.comparisons import ObjectComparisons
@@ -62,6 +68,10 @@ def _emd(name: str, encoder: Encoder) -> ObjectMethod:
     return _nearest(name, encoder, "complexities")
 
 
+def _emd_no_pairs(name: str, encoder: Encoder) -> ObjectMethod:
+    return _emd(name, without_pairs(encoder))
+
+
 def _emd_literal(name: str, encoder: Encoder) -> ObjectMethod:
     return _nearest(name, load_shipped_encoder("literal"), "complexities")
 
@@ -97,7 +107,8 @@ def _no_geometry(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _fused_of_parts(name: str, encoder: Encoder) -> ObjectMethod:
-    return _fused(name, encoder, _PARTS[name])
+    parts = _PARTS[name]
+    return _fused(name, encoder if "pairs" in parts else without_pairs(encoder), parts)
 
 
 def _no_partial(name: str, encoder: Encoder) -> ObjectMethod:
@@ -185,6 +196,7 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "recogniser-saved": _saved,
     "no-geometry": _no_geometry,
     "emd": _emd,
+    "emd-no-pairs": _emd_no_pairs,
     "emd-svm": _emd_svm,
     "emd-literal": _emd_literal,
     "no-emd": _fused_of_parts,

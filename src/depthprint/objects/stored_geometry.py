@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.errors import DataError
-from depthprint.objects.seen_surface import object_surface
+from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 

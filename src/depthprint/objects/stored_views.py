@@ -14,17 +14,17 @@ import numpy.typing as npt
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
+from depthprint.object_surface import object_surface
 from depthprint.objects.distances import compare_complexities, compare_with_batches, signature_batches
 from depthprint.objects.kernels import DistanceFeatures, code_vectors, mirrored_encodings
 from depthprint.objects.leading_directions import LeadingDirections
-from depthprint.objects.seen_surface import object_surface
 from depthprint.objects.stored_geometry import StoredGeometry
 from depthprint.objects.surface_words import SurfaceWords
-from depthprint.objects.surflet_pairs import pair_features, pair_vectors
 from depthprint.objects.view_features import ViewFeatures
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
+from depthprint.surflet_pairs import pair_features, pair_vectors
 
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface

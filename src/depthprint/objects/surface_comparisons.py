@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.objects.surface_words import SurfaceWords
-from depthprint.objects.surflet_pairs import pair_vectors
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
+from depthprint.surflet_pairs import pair_vectors
 from depthprint.turned_views import TURNS_DEG, turned_copies
 
 __all__ = ["PARTIAL", "TURNED", "VIEWS", "SurfaceComparisons", "SurfaceKernels"]

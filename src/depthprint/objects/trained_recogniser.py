@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from depthprint.encoder import Encoder
 from depthprint.errors import DataError
+from depthprint.object_surface import object_surface
 from depthprint.objects.alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
 from depthprint.objects.calibration import Calibration, calibrate
 from depthprint.objects.learned_classes import LearnedClasses
-from depthprint.objects.seen_surface import object_surface
 from depthprint.objects.stored_geometry import StoredGeometry
 from depthprint.objects.stored_views import StoredViews, store_views
 from depthprint.objects.surface_words import SurfaceWords

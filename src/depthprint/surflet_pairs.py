@@ -13,7 +13,7 @@ from depthprint.range_image import RangeImage
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface
 
-__all__ = ["N_PAIR_FEATURES", "pair_features", "pair_vectors"]
+__all__ = ["N_PAIR_FEATURES", "PAIR_CHANNELS", "pair_features", "pair_vectors", "pair_view"]
 
 Float32Array = npt.NDArray[np.float32]
 Progress = Callable[[int, int], None]
@@ -21,7 +21,9 @@ Progress = Callable[[int, int], None]
 # Ends of the scale of lengths: in metres, and in sizes of the object (root mean square distance from its middle).
 _METRES = (0.005, 0.4)
 _SIZES = (0.06, 4.0)
-N_PAIR_FEATURES = 2 * 3 * 10 * 15 * 3
+_HALFWAY, _LENGTHS, _ANGLES = 3, 10, 15 * 3
+N_PAIR_FEATURES = 2 * _HALFWAY * _LENGTHS * _ANGLES
+PAIR_CHANNELS = ("metres", "sizes")
 
 
 def pair_features(surface: SeenSurface) -> Float32Array:
@@ -42,10 +44,22 @@ def pair_features(surface: SeenSurface) -> Float32Array:
     return np.asarray(np.sqrt(counts / max(float(counts.sum()), 1.0)).ravel(), dtype=np.float32)
 
 
+def pair_view(image: RangeImage) -> Float32Array:
+    """The same as two pictures (2, h, 10), of the channels PAIR_CHANNELS: a column holds the pairs of one length.
+
+    The squares of each picture add up to 1. Raises as ``object_surface`` does.
+    """
+    from depthprint.object_surface import object_surface
+
+    pairs = pair_features(object_surface(image)).reshape(2, _HALFWAY, _LENGTHS, _ANGLES)
+    pictures = pairs.transpose(0, 1, 3, 2).reshape(2, _HALFWAY * _ANGLES, _LENGTHS)
+    return np.ascontiguousarray(pictures * np.float32(2.0**0.5))
+
+
 def pair_vectors(images: Sequence[RangeImage], progress: Progress | None = None) -> Float32Array:
     """Vectors (n, N_PAIR_FEATURES) of pinhole crops in metres; raises as ``object_surface`` does."""
     from depthprint._kernels.blocks import for_blocks
-    from depthprint.objects.seen_surface import object_surface
+    from depthprint.object_surface import object_surface
 
     rows = np.empty((len(images), N_PAIR_FEATURES), dtype=np.float32)
 
