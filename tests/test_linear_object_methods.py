@@ -19,7 +19,7 @@ from depthprint.objects.methods import OBJECT_METHODS, make_object_method, make_
 from depthprint.simulation.objects import simulated_objects
 
 # The kinds one by one are parts of "all".
-LINEAR = ["kdes-all", "kdes-gradient-aided", "kdes-lbp-aided", "hog-svm", "sparse-pyramid-svm"]
+LINEAR = ["kdes-all", "kdes-gradient-aided", "kdes-lbp-aided", "hog-svm", "sparse-pyramid-svm", "codes-svm"]
 
 
 @pytest.fixture(scope="module")
@@ -118,8 +118,8 @@ def test_pyramid_vectors_are_units_and_mirrored_where_the_encoder_mirrors(crops)
     assert again[0] @ mirrored[0] > again[0] @ straight[0]
     plain = Encoder(encoder.settings.model_copy(update={"mirror": False}), encoder.streams)
     assert sparse_pyramid_features(plain, images[:1])[1] is None
-    with pytest.raises(SettingsError, match="street"):
-        sparse_pyramid_features(load_shipped_encoder("street"), images[:1])
+    with pytest.raises(SettingsError, match="literal"):
+        sparse_pyramid_features(load_shipped_encoder("literal"), images[:1])
 
 
 def test_using_a_method_before_prepare_is_an_error():

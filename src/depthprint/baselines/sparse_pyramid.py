@@ -23,14 +23,14 @@ def sparse_pyramid_features(
 ) -> tuple[Float32Array, Float32Array | None]:
     """Vectors (n, d) of views, and of their mirror images where the encoder mirrors views, else None.
 
-    A stream's max-pooled codes, over all cells of its pyramid, are made a unit vector and weighed by the root of
-    the stream's share, so that inner products are weighted means of the streams' cosines.
-    Raises SettingsError for an encoder that does not pool codes over cells, ModelError when it is not fitted.
+    A stream's codes, max-pooled over all cells of its pyramid or one a column, are made a unit vector and weighed by
+    the root of the stream's share, so that inner products are weighted means of the streams' cosines.
+    Raises SettingsError for an encoder that does not pool codes over a grid, ModelError when it is not fitted.
     Source: Yang, Yu, Gong and Huang 2009; in the manner of Bo, Ren and Fox's hierarchical matching pursuit.
     """
     settings = encoder.settings
-    if any(stream.clusters != "cells" for stream in settings.streams):
-        raise SettingsError(f"sparse pyramid: preset {settings.name!r} does not pool codes over cells")
+    if any(stream.clusters == "atoms" for stream in settings.streams):
+        raise SettingsError(f"sparse pyramid: preset {settings.name!r} does not pool codes over a grid")
     shares = [np.float32(np.sqrt(weight)) for weight in settings.stream_weights]
 
     def row(encoding: Encoding) -> Float32Array:

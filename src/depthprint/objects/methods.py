@@ -39,7 +39,7 @@ KDES_C = 10.0
 HOG_C = 3.0
 SPARSE_PYRAMID_C = 10.0
 # Of the agreement of alignments beside these machines' margins, chosen as the recogniser's was.
-KDES_AGREEMENT_WEIGHT = 6.6
+LINEAR_AGREEMENT_WEIGHT = 6.6
 
 # What the kernels and neighbours of rows that are the recogniser but for these are made of.
 _PARTS = {
@@ -173,7 +173,7 @@ def _kernel_descriptors(name: str, encoder: Encoder) -> LinearSvmMethod:
 def _checked_kernel_descriptors(name: str, encoder: Encoder) -> ObjectMethod:
     from depthprint.objects.geometry_checked import GeometryChecked
 
-    return GeometryChecked(name, _kernel_descriptors(name, encoder), KDES_AGREEMENT_WEIGHT)
+    return GeometryChecked(name, _kernel_descriptors(name, encoder), LINEAR_AGREEMENT_WEIGHT)
 
 
 def _hog(name: str, encoder: Encoder) -> ObjectMethod:
@@ -184,6 +184,16 @@ def _hog(name: str, encoder: Encoder) -> ObjectMethod:
 
 
 def _sparse_pyramid(name: str, encoder: Encoder) -> ObjectMethod:
+    return _codes_svm(name, without_pairs(encoder))
+
+
+def _checked_codes_svm(name: str, encoder: Encoder) -> ObjectMethod:
+    from depthprint.objects.geometry_checked import GeometryChecked
+
+    return GeometryChecked(name, _codes_svm(name, encoder), LINEAR_AGREEMENT_WEIGHT)
+
+
+def _codes_svm(name: str, encoder: Encoder) -> LinearSvmMethod:
     from depthprint.baselines.sparse_pyramid import sparse_pyramid_features
     from depthprint.objects.linear_methods import FixedFeatures, LinearSvmMethod
 
@@ -235,6 +245,8 @@ OBJECT_METHODS: dict[str, Callable[[str, Encoder], ObjectMethod]] = {
     "kdes-all-aided-geometry": _checked_kernel_descriptors,
     "hog-svm": _hog,
     "sparse-pyramid-svm": _sparse_pyramid,
+    "codes-svm": _codes_svm,
+    "codes-svm-geometry": _checked_codes_svm,
 }
 
 
