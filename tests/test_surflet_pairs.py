@@ -10,12 +10,13 @@ import pytest
 from depthprint._kernels.surface_alignment import OBJECT
 from depthprint._kernels.surflet_pairs import N_ALIKE, N_ANGLES, N_HALFWAY, N_LENGTHS, pair_histograms
 from depthprint.baselines.kernel_descriptors.patch_grid import mirrored_image
-from depthprint.errors import DataError
+from depthprint.encoder import load_shipped_encoder
+from depthprint.errors import DataError, SettingsError
 from depthprint.object_surface import object_surface
 from depthprint.projection import Pinhole, Spherical
 from depthprint.range_image import RangeImage
 from depthprint.simulation.objects import simulated_objects
-from depthprint.surflet_pairs import N_PAIR_FEATURES, pair_features, pair_vectors
+from depthprint.surflet_pairs import N_PAIR_FEATURES, pair_features, pair_vectors, pair_view
 
 SHORTEST, LONGEST = np.array([0.005, 0.01]), np.array([0.4, 0.2])
 
@@ -114,3 +115,28 @@ def test_a_sphere_is_behind_halfway_and_a_bowl_before():
 def test_other_than_pinhole_crops_are_refused():
     with pytest.raises(DataError, match="scan: expected a pinhole image"):
         pair_vectors([RangeImage(np.ones((4, 8)), Spherical(8, 4), source="scan")])
+
+
+def test_the_view_of_pairs_holds_a_column_of_each_length(crops):
+    metres, sizes = pair_view(crops[0], ("metres", "sizes"))
+    np.testing.assert_array_equal(pair_view(crops[0], ("sizes",))[0], sizes)
+    counts = pair_vectors(crops[:1])[0].reshape(2, N_HALFWAY, N_LENGTHS, -1) ** 2
+    for picture, expected in zip((metres, sizes), 2 * counts.sum(axis=(1, 3)), strict=True):
+        assert picture.shape[1] == N_LENGTHS
+        np.testing.assert_allclose((picture**2).sum(axis=0), expected, atol=1e-5)
+        np.testing.assert_allclose((picture**2).sum(), 1.0, rtol=1e-5)
+    with pytest.raises(SettingsError, match="'inches'"):
+        pair_view(crops[0], ("inches",))
+
+
+def test_codes_of_pairs_stay_as_they_are_in_the_mirror(crops):
+    encoder = load_shipped_encoder("object")
+    encoding = encoder.describe(crops[0])
+    lengths = []
+    for number, stream in enumerate(encoder.settings.streams):
+        same = np.array_equal(encoding.vectors[number], encoding.mirrored.vectors[number])
+        assert same == (stream.view == "pairs")
+        if same:
+            lengths.append(encoding.signatures[number].points[:, -1] / stream.position_weight)
+    assert len(lengths) == 2
+    assert all(np.all((at > 0) & (at < 1) & (np.diff(at, prepend=0) > 0)) for at in lengths)

@@ -23,6 +23,8 @@ from depthprint.objects.stored_views import store_views
 from depthprint.objects.surface_words import SurfaceWords
 from depthprint.objects.trained_recogniser import TrainedRecogniser
 from depthprint.partial_views import partial_copies
+from depthprint.projection import Spherical
+from depthprint.range_image import RangeImage
 from depthprint.simulation.objects import simulated_objects
 from depthprint.surflet_pairs import pair_vectors
 
@@ -350,3 +352,17 @@ def test_the_saved_recogniser_is_a_method_of_the_table(views):
     found = method.predict(train, numbers[train], test)
     np.testing.assert_array_equal(found, labels[scores.argmax(axis=1)])
     assert np.mean(found == numbers[test]) >= 0.75
+
+
+def test_views_other_than_pinhole_are_known_by_their_codes_alone():
+    rng = np.random.default_rng(0)
+    rows, columns = np.mgrid[:64, :64]
+    shapes = {"step": np.where(columns < 32, 2.0, 2.4), "ramp": 2.0 + 0.01 * rows}
+    labels = [name for name in shapes for _ in range(4)]
+    views = [
+        RangeImage((shapes[name] + 0.002 * rng.normal(size=(64, 64))).astype(np.float32), Spherical(64, 64))
+        for name in labels
+    ]
+    recogniser = TrainedRecogniser.fit(load_shipped_encoder("object"), views[1:], labels[1:])
+    assert [stream.view for stream in recogniser.encoder.settings.streams] == ["normals", "depth"]
+    assert recogniser.recognise(views[0]).classes[0][0] == "step"

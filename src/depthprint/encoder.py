@@ -96,9 +96,11 @@ class Encoder:
         signatures: list[list[Signature]] = [[], []]
         vectors: list[list[npt.NDArray[np.float32]]] = [[], []]
         for view, settings, model in zip(views, self.settings.streams, self.streams, strict=True):
-            turned = [mirrored_view(view, settings)] if self.settings.mirror else []
-            found = cluster_views([view, *turned], settings, self.settings, model.dictionary)
-            for side, clusters in enumerate(found):
+            sides = [view, mirrored_view(view, settings)] if self.settings.mirror else [view]
+            distinct = sides[:1] if sides[-1] is view else sides
+            found = cluster_views(distinct, settings, self.settings, model.dictionary)
+            for side in range(len(sides)):
+                clusters = found[min(side, len(found) - 1)]
                 signatures[side].append(make_signature(clusters, settings, model.basis, self.fingerprint))
                 vectors[side].append(cluster_vectors(clusters, settings, model.basis))
         mirrored = None

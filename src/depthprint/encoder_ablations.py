@@ -27,7 +27,7 @@ class UncodedEncoder(Encoder):
 
     def describe(self, image: RangeImage) -> Encoding:
         """The views as they are, as rows (1, c h w)."""
-        views = make_views(image, self.settings)
+        views = list(make_views(image, self.settings))
         if not self.settings.mirror:
             return _uncoded(views)
         turned = [mirrored_view(v, stream) for v, stream in zip(views, self.settings.streams, strict=True)]

@@ -24,11 +24,13 @@ _SMOOTHING_PX = 1.0
 _LEAST_SIZE_M = 1e-3
 
 
+@lru_cache(maxsize=4)
 def object_surface(image: RangeImage) -> SeenSurface:
     """Points, normals and pixels of the object in a pinhole crop, in the camera's frame, metres.
 
     The object is what the mask holds, all that returned where there is none; what returned beside it is background, and
-    the rest unknown. Raises DataError for other than pinhole images and where nothing returned.
+    the rest unknown. Surfaces of the last few crops are kept. Raises DataError for other than pinhole images and where
+    nothing returned.
     """
     from scipy.ndimage import distance_transform_edt
 

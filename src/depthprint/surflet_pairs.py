@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from depthprint.errors import SettingsError
 from depthprint.range_image import RangeImage
 
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface
 
-__all__ = ["N_PAIR_FEATURES", "PAIR_CHANNELS", "pair_features", "pair_vectors", "pair_view"]
+__all__ = ["N_PAIR_FEATURES", "PAIR_CHANNELS", "image_pairs", "pair_features", "pair_vectors", "pair_view"]
 
 Float32Array = npt.NDArray[np.float32]
 Progress = Callable[[int, int], None]
@@ -44,28 +46,44 @@ def pair_features(surface: SeenSurface) -> Float32Array:
     return np.asarray(np.sqrt(counts / max(float(counts.sum()), 1.0)).ravel(), dtype=np.float32)
 
 
-def pair_view(image: RangeImage) -> Float32Array:
-    """The same as two pictures (2, h, 10), of the channels PAIR_CHANNELS: a column holds the pairs of one length.
+@lru_cache(maxsize=4)
+def image_pairs(image: RangeImage) -> Float32Array:
+    """``pair_features`` of a pinhole crop in metres, read-only; those of the last few crops are kept.
 
-    The squares of each picture add up to 1. Raises as ``object_surface`` does.
+    Raises as ``object_surface`` does.
     """
     from depthprint.object_surface import object_surface
 
-    pairs = pair_features(object_surface(image)).reshape(2, _HALFWAY, _LENGTHS, _ANGLES)
+    pairs = pair_features(object_surface(image))
+    pairs.setflags(write=False)
+    return pairs
+
+
+def pair_view(image: RangeImage, channels: Sequence[str]) -> Float32Array:
+    """The same as pictures (len(channels), h, 10), of PAIR_CHANNELS: a column holds the pairs of one length.
+
+    The squares of each picture add up to 1. Raises SettingsError for an unknown channel, else as ``object_surface``.
+    """
+    unknown = [name for name in channels if name not in PAIR_CHANNELS]
+    if unknown:
+        raise SettingsError(
+            f"view 'pairs': expected channels of {', '.join(PAIR_CHANNELS)}, got {unknown[0]!r}"
+        )
+    pairs = image_pairs(image).reshape(2, _HALFWAY, _LENGTHS, _ANGLES)
     pictures = pairs.transpose(0, 1, 3, 2).reshape(2, _HALFWAY * _ANGLES, _LENGTHS)
-    return np.ascontiguousarray(pictures * np.float32(2.0**0.5))
+    chosen = pictures[[PAIR_CHANNELS.index(name) for name in channels]]
+    return np.ascontiguousarray(chosen * np.float32(2.0**0.5))
 
 
 def pair_vectors(images: Sequence[RangeImage], progress: Progress | None = None) -> Float32Array:
     """Vectors (n, N_PAIR_FEATURES) of pinhole crops in metres; raises as ``object_surface`` does."""
     from depthprint._kernels.blocks import for_blocks
-    from depthprint.object_surface import object_surface
 
     rows = np.empty((len(images), N_PAIR_FEATURES), dtype=np.float32)
 
     def block(start: int, stop: int) -> None:
         for number in range(start, stop):
-            rows[number] = pair_features(object_surface(images[number]))
+            rows[number] = image_pairs(images[number])
 
     for_blocks(len(images), 8, block, progress)
     return rows

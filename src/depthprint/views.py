@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from depthprint.errors import SettingsError
 from depthprint.polar_view import polar_view
 from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.resampling import fill_holes, resample
 from depthprint.settings import EncoderSettings, StreamSettings
-from depthprint.surflet_pairs import PAIR_CHANNELS, pair_view
+from depthprint.surflet_pairs import pair_view
 
 __all__ = ["View", "make_view", "make_views", "mirrored_view"]
 
@@ -41,14 +41,15 @@ def make_view(
 
     Raises DataError, naming the frame, when the image has no valid pixel.
     """
-    view = _make_view(image, stream, settings, _Shared())
+    view = _make_view(image, stream, settings, {})
     return mirrored_view(view, stream) if mirror else view
 
 
-def make_views(image: RangeImage, settings: EncoderSettings) -> list[View]:
+def make_views(image: RangeImage, settings: EncoderSettings) -> Iterator[View]:
     """The views of all streams in order, as ``make_view`` has them; what they share is computed once."""
-    shared = _Shared()
-    return [_make_view(image, stream, settings, shared) for stream in settings.streams]
+    surfaces: dict[tuple[int, float], _Surface] = {}
+    for stream in settings.streams:
+        yield _make_view(image, stream, settings, surfaces)
 
 
 def mirrored_view(view: View, stream: StreamSettings) -> View:
@@ -75,28 +76,18 @@ class _Surface:
     relative: npt.NDArray[np.float64]
 
 
-@dataclass
-class _Shared:
-    """What the streams' views of one image have in common, made by the first that needs it."""
-
-    surfaces: dict[tuple[int, float], _Surface] = field(default_factory=dict)
-    pairs: Float32Array | None = None
-
-
 def _make_view(
     image: RangeImage,
     stream: StreamSettings,
     settings: EncoderSettings,
-    shared: _Shared,
+    surfaces: dict[tuple[int, float], _Surface],
 ) -> View:
     image.require_returns()
     if stream.view == "polar":
         channels = polar_view(image, settings.polar, stream.channels)
         return View(np.ascontiguousarray(channels), np.ones(channels.shape[1:], dtype=bool))
     if stream.view == "pairs":
-        if shared.pairs is None:
-            shared.pairs = pair_view(image)
-        channels = shared.pairs[[_pair_channel(name) for name in stream.channels]]
+        channels = pair_view(image, stream.channels)
         return View(channels, np.ones(channels.shape[1:], dtype=bool))
     if stream.view == "raw-depth":
         depth = fill_holes(resample(image, stream.size, stream.size).ranges_m)
@@ -105,15 +96,9 @@ def _make_view(
         channels = np.ascontiguousarray(depth[None], dtype=np.float32)
         return View(channels, np.ones(depth.shape, dtype=bool), channels[0])
     key = (stream.size, stream.smoothing)
-    if key not in shared.surfaces:
-        shared.surfaces[key] = _smoothed_surface(image, *key)
-    return _surface_view(shared.surfaces[key], stream)
-
-
-def _pair_channel(name: str) -> int:
-    if name not in PAIR_CHANNELS:
-        raise SettingsError(f"view 'pairs': expected channels of {', '.join(PAIR_CHANNELS)}, got {name!r}")
-    return PAIR_CHANNELS.index(name)
+    if key not in surfaces:
+        surfaces[key] = _smoothed_surface(image, *key)
+    return _surface_view(surfaces[key], stream)
 
 
 def _smoothed_surface(image: RangeImage, size: int, smoothing: float) -> _Surface:

@@ -24,7 +24,7 @@ from depthprint.objects.view_features import ViewFeatures
 from depthprint.partial_views import partial_copies
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
-from depthprint.surflet_pairs import pair_features, pair_vectors
+from depthprint.surflet_pairs import image_pairs, pair_vectors
 
 if TYPE_CHECKING:
     from depthprint._kernels.surface_alignment import SeenSurface
@@ -78,7 +78,7 @@ class StoredViews:
     ) -> ViewFeatures:
         """Bring images, encoded by the same encoder, into the form of the stored views."""
         codes = self._codes(encoder, encodings)
-        return ViewFeatures(*codes, *self._surfaces(images, self._seen(images), encoder.settings.mirror))
+        return ViewFeatures(*codes, *self._surfaces(images, encoder.settings.mirror))
 
     def encode_and_describe(
         self, encoder: Encoder, images: Sequence[RangeImage]
@@ -103,7 +103,7 @@ class StoredViews:
 
         def surfaces() -> None:
             seen.extend(self._seen(images))
-            found["surfaces"] = self._surfaces(images, seen, encoder.settings.mirror)
+            found["surfaces"] = self._surfaces(images, encoder.settings.mirror)
 
         def landmarks() -> None:
             found["landmarks"] = [self._landmark_features(encoder, encoded.result())]
@@ -126,14 +126,13 @@ class StoredViews:
     def _seen(self, images: Sequence[RangeImage]) -> list[SeenSurface]:
         return [] if self.words is None else [object_surface(image) for image in images]
 
-    def _surfaces(
-        self, images: Sequence[RangeImage], seen: Sequence[SeenSurface], mirror: bool
-    ) -> list[Float32Array]:
+    def _surfaces(self, images: Sequence[RangeImage], mirror: bool) -> list[Float32Array]:
         """Surface vectors along their directions, of views and mirror images, and pairs; none where not compared."""
         if self.words is None or self.surface_directions is None or self.pair_directions is None:
             return []
+        # First, so that the views that are coded side by side find them made.
+        pairs = np.stack([image_pairs(image) for image in images])
         sides = self.surface_directions.along(self.words.features(images, mirror=mirror))
-        pairs = np.stack([pair_features(surface) for surface in seen])
         return [*sides, *self.pair_directions.along([pairs])]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder
+from depthprint.encoder_ablations import without_pairs
 from depthprint.errors import DataError
 from depthprint.object_surface import object_surface
 from depthprint.objects.alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
@@ -104,8 +105,10 @@ class TrainedRecogniser:
             )
         if len(set(labels)) < 2:
             raise DataError(f"recogniser: expected views of two classes or more, got {sorted(set(labels))}")
-        # Presets that mirror are those of objects; kernel descriptors are made for crops of a pinhole camera.
-        surfaces = encoder.settings.mirror and isinstance(images[0].projection, Pinhole)
+        # Presets that mirror are those of objects; surfaces and pairs are known of crops of a pinhole camera alone.
+        pinhole = isinstance(images[0].projection, Pinhole)
+        surfaces = encoder.settings.mirror and pinhole
+        encoder = encoder if pinhole else without_pairs(encoder)
         words = SurfaceWords.load() if surfaces else None
         stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
         calibration = calibrate(
