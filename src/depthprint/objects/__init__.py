@@ -2,7 +2,7 @@
 
 The way of a view, from crop to class::
 
-    surface_words, surflet_pairs    vectors of its surfaces and of their pairs of points, beside the codes
+    surface_words                   vectors of its surfaces, beside the codes and the pairs of points
       -> kernels, distances         how views compare; comparisons, surface_comparisons: all of a table's
       -> fused_recogniser           discriminant, support vector machine and nearest views, summed
       -> alignment                  the best few stored views, aligned with the query
