@@ -92,20 +92,21 @@ class Encoder:
     def describe(self, image: RangeImage) -> Encoding:
         """Encode one image. Raises ModelError when not fitted, DataError (naming the frame) on bad input."""
         self._require_fitted()
+        n_sides = 2 if self.settings.mirror else 1
+        signatures: list[list[Signature]] = [[] for _ in range(n_sides)]
+        vectors: list[list[npt.NDArray[np.float32]]] = [[] for _ in range(n_sides)]
         views = make_views(image, self.settings)
-        signatures: list[list[Signature]] = [[], []]
-        vectors: list[list[npt.NDArray[np.float32]]] = [[], []]
         for view, settings, model in zip(views, self.settings.streams, self.streams, strict=True):
-            sides = [view, mirrored_view(view, settings)] if self.settings.mirror else [view]
+            sides = [view, mirrored_view(view, settings)][:n_sides]
+            # What is the same in the mirror is coded once.
             distinct = sides[:1] if sides[-1] is view else sides
             found = cluster_views(distinct, settings, self.settings, model.dictionary)
-            for side in range(len(sides)):
-                clusters = found[min(side, len(found) - 1)]
-                signatures[side].append(make_signature(clusters, settings, model.basis, self.fingerprint))
-                vectors[side].append(cluster_vectors(clusters, settings, model.basis))
-        mirrored = None
-        if self.settings.mirror:
-            mirrored = Encoding(tuple(signatures[1]), tuple(vectors[1]))
+            made = [make_signature(c, settings, model.basis, self.fingerprint) for c in found]
+            rows = [cluster_vectors(c, settings, model.basis) for c in found]
+            for side in range(n_sides):
+                signatures[side].append(made[side % len(made)])
+                vectors[side].append(rows[side % len(rows)])
+        mirrored = Encoding(tuple(signatures[1]), tuple(vectors[1])) if self.settings.mirror else None
         return Encoding(tuple(signatures[0]), tuple(vectors[0]), mirrored)
 
     def describe_many(self, images: Sequence[RangeImage], progress: Progress | None = None) -> list[Encoding]:
