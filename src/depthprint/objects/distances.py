@@ -25,6 +25,8 @@ __all__ = [
     "pixel_distances",
     "relaxed_distances",
     "signature_batches",
+    "stream_part",
+    "sum_of_parts",
 ]
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,11 +89,32 @@ def compare_with_batches(
     progress: Progress | None = None,
 ) -> MirroredDistances:
     """``compare_complexities`` with other views, whose signatures ``signature_batches`` brought together before."""
-    if not encoder.settings.mirror:
-        return MirroredDistances(_stream_sum(encoder, signature_batches(queries), others, progress))
-    sides = [*queries, *(q.mirrored for q in queries if q.mirrored is not None)]
-    both = _stream_sum(encoder, signature_batches(sides), others, progress)
-    return MirroredDistances(both[: len(queries)], both[len(queries) :])
+    parts = [stream_part(encoder, number, queries, batch, progress) for number, batch in enumerate(others)]
+    return sum_of_parts(parts)
+
+
+def stream_part(
+    encoder: Encoder,
+    number: int,
+    queries: Sequence[Encoding],
+    others: SignatureBatch,
+    progress: Progress | None = None,
+) -> MirroredDistances:
+    """What one stream gives to ``compare_with_batches``: its distances to other views' signatures, times its share."""
+    sides = [query.signatures[number] for query in queries]
+    turned = [query.mirrored.signatures[number] for query in queries if query.mirrored is not None]
+    # What is the same in the mirror is compared once.
+    distinct = turned if any(a is not b for a, b in zip(sides, turned, strict=False)) else []
+    found = _stream_matrix(encoder, number, SignatureBatch.stack([*sides, *distinct]), others, progress)
+    straight, mirrored = found[: len(sides)], found[-len(sides) :]
+    return MirroredDistances(straight, mirrored if turned else None)
+
+
+def sum_of_parts(parts: Sequence[MirroredDistances]) -> MirroredDistances:
+    """The distances that the streams' parts add up to."""
+    straight = np.sum([part.straight for part in parts], axis=0)
+    mirrored = [part.mirrored for part in parts if part.mirrored is not None]
+    return MirroredDistances(straight, np.sum(mirrored, axis=0) if mirrored else None)
 
 
 def signature_batches(encodings: Sequence[Encoding]) -> list[SignatureBatch]:
@@ -106,23 +129,35 @@ def _stream_sum(
     others: Sequence[SignatureBatch] | None,
     progress: Progress | None,
 ) -> FloatArray:
+    total: FloatArray | float = 0.0
+    for number, batch in enumerate(queries):
+        other = None if others is None else others[number]
+        total = total + _stream_matrix(encoder, number, batch, other, progress)
+    return np.asarray(total, dtype=np.float64)
+
+
+def _stream_matrix(
+    encoder: Encoder,
+    number: int,
+    queries: SignatureBatch,
+    others: SignatureBatch | None,
+    progress: Progress | None,
+) -> FloatArray:
+    """Distances by one stream, times its share."""
     from depthprint.emd import difference_matrix
     from depthprint.encoding import ground_distance
 
-    shifts = encoder.shifts()
-    total: FloatArray | float = 0.0
-    for number, stream in enumerate(encoder.settings.streams):
-        matrix = difference_matrix(
-            queries[number],
-            None if others is None else others[number],
-            masses=stream.masses,
-            ground=ground_distance(stream, encoder.settings),
-            form=stream.form,
-            shifts=None if shifts is None else shifts[number],
-            progress=progress,
-        )
-        total = total + encoder.settings.stream_weights[number] * matrix
-    return np.asarray(total, dtype=np.float64)
+    stream, shifts = encoder.settings.streams[number], encoder.shifts()
+    matrix = difference_matrix(
+        queries,
+        others,
+        masses=stream.masses,
+        ground=ground_distance(stream, encoder.settings),
+        form=stream.form,
+        shifts=None if shifts is None else shifts[number],
+        progress=progress,
+    )
+    return np.asarray(encoder.settings.stream_weights[number] * matrix, dtype=np.float64)
 
 
 def relaxed_distances(

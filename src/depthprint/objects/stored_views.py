@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,14 @@ from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.object_surface import object_surface
-from depthprint.objects.distances import compare_complexities, compare_with_batches, signature_batches
+from depthprint.objects.distances import (
+    MirroredDistances,
+    compare_complexities,
+    compare_with_batches,
+    signature_batches,
+    stream_part,
+    sum_of_parts,
+)
 from depthprint.objects.kernels import DistanceFeatures, code_vectors, mirrored_encodings
 from depthprint.objects.leading_directions import LeadingDirections
 from depthprint.objects.stored_geometry import StoredGeometry
@@ -92,6 +99,7 @@ class StoredViews:
 
         encoded: Future[list[Encoding]] = Future()
         found: dict[str, list[Float32Array]] = {}
+        parts: dict[int, MirroredDistances] = {}
         seen: list[SeenSurface] = []
 
         def encode() -> None:
@@ -105,23 +113,23 @@ class StoredViews:
             seen.extend(self._seen(images))
             found["surfaces"] = self._surfaces(images, encoder.settings.mirror)
 
-        def landmarks() -> None:
-            found["landmarks"] = [self._landmark_features(encoder, encoded.result())]
+        def landmarks(number: int) -> None:
+            parts[number] = stream_part(encoder, number, encoded.result(), self._landmark_batches[number])
 
         def sides() -> None:
             found["sides"] = _code_sides(encoder, encoded.result(), self.directions)
 
-        run_tasks([encode, surfaces, landmarks, sides])
+        streams = range(len(encoder.settings.streams))
+        run_tasks([encode, surfaces, sides, *(partial(landmarks, number) for number in streams)])
+        distances = sum_of_parts([parts[number] for number in streams])
+        found["landmarks"] = [self.distance_features.of(distances)]
         return ViewFeatures(*found["sides"], *found["landmarks"], *found["surfaces"]), seen
 
     def _codes(self, encoder: Encoder, encodings: Sequence[Encoding]) -> list[Float32Array]:
         """Codes along their directions, of views and of their mirror images, and features of landmark distances."""
         sides = _code_sides(encoder, encodings, self.directions)
-        return [*sides, self._landmark_features(encoder, encodings)]
-
-    def _landmark_features(self, encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
         distances = compare_with_batches(encoder, encodings, self._landmark_batches)
-        return self.distance_features.of(distances)
+        return [*sides, self.distance_features.of(distances)]
 
     def _seen(self, images: Sequence[RangeImage]) -> list[SeenSurface]:
         return [] if self.words is None else [object_surface(image) for image in images]
