@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +24,7 @@ from depthprint.objects.surface_words import SurfaceWords
 from depthprint.objects.view_features import ViewFeatures
 from depthprint.signature import SignatureBatch
 
-if TYPE_CHECKING:
-    from depthprint.objects.trained_recogniser import TrainedRecogniser
-
-__all__ = ["FORMAT", "FORMAT_VERSION", "load_recogniser", "save_recogniser"]
+__all__ = ["FORMAT", "FORMAT_VERSION", "RecogniserParts", "load_recogniser", "save_recogniser"]
 
 FORMAT = "depthprint recogniser"
 FORMAT_VERSION = 8
@@ -44,20 +42,31 @@ DIRECTIONS = ("surface_directions", "pair_directions")
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
+class RecogniserParts(NamedTuple):
+    """What a recogniser is made of: labels and sources (n,) are those of the stored views."""
+
+    encoder: Encoder
+    stored: StoredViews
+    labels: Sequence[str]
+    sources: Sequence[str]
+    calibration: Calibration
+    learned: LearnedClasses
+
+
+def save_recogniser(parts: RecogniserParts, path: Path) -> Path:
     """Write a recogniser; .npz is added to a path without it."""
     if path.suffix != ".npz":
         path = path.with_name(path.name + ".npz")
-    encoder, stored = recogniser.encoder, recogniser.stored
+    encoder, stored = parts.encoder, parts.stored
     model, arrays = model_parts(encoder.settings, encoder.streams)
     header = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
         "model": model,
-        "labels": list(recogniser.view_labels),
-        "sources": list(recogniser.sources),
-        "temperature": recogniser.calibration.temperature,
-        "novelty": recogniser.calibration.novelty,
+        "labels": list(parts.labels),
+        "sources": list(parts.sources),
+        "temperature": parts.calibration.temperature,
+        "novelty": parts.calibration.novelty,
         "distance_scale": stored.distance_features.scale,
         "surface_gammas": None,
     }
@@ -72,7 +81,7 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
             arrays[name] = getattr(stored, name).upper_bits
         for kind in SURFACE_ARRAYS:
             arrays[kind] = np.asarray(getattr(stored.views, kind))
-    arrays |= recogniser.learned.parts()
+    arrays |= parts.learned.parts()
     if stored.geometry is not None:
         arrays |= stored.geometry.parts()
     for number in range(len(encoder.settings.streams)):
@@ -86,10 +95,8 @@ def save_recogniser(recogniser: TrainedRecogniser, path: Path) -> Path:
     return path
 
 
-def load_recogniser(path: Path) -> TrainedRecogniser:
+def load_recogniser(path: Path) -> RecogniserParts:
     """Read what ``save_recogniser`` wrote; anything else raises ModelError naming the file and what is wrong."""
-    from depthprint.objects.trained_recogniser import TrainedRecogniser
-
     header, arrays = read_archive(path, "recogniser (of 'depthprint train-objects')", FORMAT, FORMAT_VERSION)
     try:
         encoder = Encoder(*model_of_parts(header["model"], arrays, path))
@@ -111,7 +118,7 @@ def load_recogniser(path: Path) -> TrainedRecogniser:
         )
         novelty = None if header["novelty"] is None else tuple(float(v) for v in header["novelty"])
         calibration = Calibration(float(header["temperature"]), novelty)
-        return TrainedRecogniser(
+        return RecogniserParts(
             encoder,
             stored,
             header["labels"],

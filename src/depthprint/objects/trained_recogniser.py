@@ -18,6 +18,7 @@ from depthprint.object_surface import object_surface
 from depthprint.objects.alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
 from depthprint.objects.calibration import Calibration, calibrate
 from depthprint.objects.learned_classes import LearnedClasses
+from depthprint.objects.recogniser_file import RecogniserParts, load_recogniser, save_recogniser
 from depthprint.objects.stored_geometry import StoredGeometry
 from depthprint.objects.stored_views import StoredViews, store_views
 from depthprint.objects.surface_words import SurfaceWords
@@ -165,16 +166,15 @@ class TrainedRecogniser:
 
     def save(self, path: Path | str) -> Path:
         """Write one file, without pickle; it appears whole or not at all."""
-        from depthprint.objects.recogniser_file import save_recogniser
-
-        return save_recogniser(self, Path(path))
+        parts = RecogniserParts(
+            self.encoder, self.stored, self.view_labels, self.sources, self.calibration, self.learned
+        )
+        return save_recogniser(parts, Path(path))
 
     @classmethod
     def load(cls, path: Path | str) -> TrainedRecogniser:
         """Read a recogniser; a damaged file, or one of another kind or version, raises ModelError naming it."""
-        from depthprint.objects.recogniser_file import load_recogniser
-
-        return load_recogniser(Path(path))
+        return cls(*load_recogniser(Path(path)))
 
 
 def left_out_scores(
