@@ -30,7 +30,9 @@ def test_every_task_runs_once(n_threads):
 
 
 def test_no_tasks_are_nothing_to_do(n_threads):
+    before = threading.active_count()
     run_tasks([])
+    assert threading.active_count() == before
 
 
 def test_two_tasks_run_at_once(monkeypatch):

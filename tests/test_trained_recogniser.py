@@ -366,3 +366,7 @@ def test_views_other_than_pinhole_are_known_by_their_codes_alone():
     recogniser = TrainedRecogniser.fit(load_shipped_encoder("object"), views[1:], labels[1:])
     assert [stream.view for stream in recogniser.encoder.settings.streams] == ["normals", "depth"]
     assert recogniser.recognise(views[0]).classes[0][0] == "step"
+    method = make_object_method("recogniser-saved")
+    method.prepare(views)
+    known = np.array([name == "step" for name in labels], dtype=np.int64)
+    assert method.predict(np.arange(1, len(views)), known[1:], np.arange(1)).tolist() == [1]

@@ -92,22 +92,23 @@ class Encoder:
     def describe(self, image: RangeImage) -> Encoding:
         """Encode one image. Raises ModelError when not fitted, DataError (naming the frame) on bad input."""
         self._require_fitted()
-        n_sides = 2 if self.settings.mirror else 1
-        signatures: list[list[Signature]] = [[] for _ in range(n_sides)]
-        vectors: list[list[npt.NDArray[np.float32]]] = [[] for _ in range(n_sides)]
+        straight: list[tuple[Signature, npt.NDArray[np.float32]]] = []
+        mirrored: list[tuple[Signature, npt.NDArray[np.float32]]] = []
         views = make_views(image, self.settings)
         for view, settings, model in zip(views, self.settings.streams, self.streams, strict=True):
-            sides = [view, mirrored_view(view, settings)][:n_sides]
+            turned = mirrored_view(view, settings) if self.settings.mirror else view
             # What is the same in the mirror is coded once.
-            distinct = sides[:1] if sides[-1] is view else sides
-            found = cluster_views(distinct, settings, self.settings, model.dictionary)
-            made = [make_signature(c, settings, model.basis, self.fingerprint) for c in found]
-            rows = [cluster_vectors(c, settings, model.basis) for c in found]
-            for side in range(n_sides):
-                signatures[side].append(made[side % len(made)])
-                vectors[side].append(rows[side % len(rows)])
-        mirrored = Encoding(tuple(signatures[1]), tuple(vectors[1])) if self.settings.mirror else None
-        return Encoding(tuple(signatures[0]), tuple(vectors[0]), mirrored)
+            distinct = [view] if turned is view else [view, turned]
+            found = [
+                (
+                    make_signature(clusters, settings, model.basis, self.fingerprint),
+                    cluster_vectors(clusters, settings, model.basis),
+                )
+                for clusters in cluster_views(distinct, settings, self.settings, model.dictionary)
+            ]
+            straight.append(found[0])
+            mirrored.append(found[-1])
+        return _encoding(straight, _encoding(mirrored) if self.settings.mirror else None)
 
     def describe_many(self, images: Sequence[RangeImage], progress: Progress | None = None) -> list[Encoding]:
         """Encode images in order."""
@@ -186,6 +187,14 @@ class Encoder:
     def _require_fitted(self) -> None:
         if not self.fitted:
             raise ModelError(f"encoder {self.settings.name!r}: not fitted; call fit() or load a model")
+
+
+def _encoding(
+    streams: Sequence[tuple[Signature, npt.NDArray[np.float32]]], mirrored: Encoding | None = None
+) -> Encoding:
+    return Encoding(
+        tuple(signature for signature, _ in streams), tuple(rows for _, rows in streams), mirrored
+    )
 
 
 def load_shipped_encoder(preset: str) -> Encoder:

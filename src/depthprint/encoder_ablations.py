@@ -8,6 +8,7 @@ from functools import lru_cache
 
 from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
+from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.settings import EncoderSettings
 from depthprint.views import View, make_views, mirrored_view
@@ -15,6 +16,7 @@ from depthprint.views import View, make_views, mirrored_view
 __all__ = [
     "UncodedEncoder",
     "random_patches",
+    "suited_encoder",
     "without_coding",
     "without_mirror",
     "without_pairs",
@@ -52,6 +54,11 @@ def without_pairs(encoder: Encoder) -> Encoder:
     kept = [(settings, model) for settings, model in streams if settings.view != "pairs"]
     pictured = encoder.settings.model_copy(update={"streams": tuple(settings for settings, _ in kept)})
     return Encoder(pictured, tuple(model for _, model in kept))
+
+
+def suited_encoder(encoder: Encoder, image: RangeImage) -> Encoder:
+    """The encoder itself for a pinhole camera's images; for others without pairs, which it cannot see in them."""
+    return encoder if isinstance(image.projection, Pinhole) else without_pairs(encoder)
 
 
 def without_root(encoder: Encoder) -> Encoder:

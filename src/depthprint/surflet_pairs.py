@@ -23,8 +23,7 @@ Progress = Callable[[int, int], None]
 # Ends of the scale of lengths: in metres, and in sizes of the object (root mean square distance from its middle).
 _METRES = (0.005, 0.4)
 _SIZES = (0.06, 4.0)
-_HALFWAY, _LENGTHS, _ANGLES = 3, 10, 15 * 3
-N_PAIR_FEATURES = 2 * _HALFWAY * _LENGTHS * _ANGLES
+N_PAIR_FEATURES = 2 * 3 * 10 * 15 * 3
 PAIR_CHANNELS = ("metres", "sizes")
 
 
@@ -64,13 +63,15 @@ def pair_view(image: RangeImage, channels: Sequence[str]) -> Float32Array:
 
     The squares of each picture add up to 1. Raises SettingsError for an unknown channel, else as ``object_surface``.
     """
+    from depthprint._kernels.surflet_pairs import N_HALFWAY, N_LENGTHS
+
     unknown = [name for name in channels if name not in PAIR_CHANNELS]
     if unknown:
         raise SettingsError(
             f"view 'pairs': expected channels of {', '.join(PAIR_CHANNELS)}, got {unknown[0]!r}"
         )
-    pairs = image_pairs(image).reshape(2, _HALFWAY, _LENGTHS, _ANGLES)
-    pictures = pairs.transpose(0, 1, 3, 2).reshape(2, _HALFWAY * _ANGLES, _LENGTHS)
+    pairs = image_pairs(image).reshape(len(PAIR_CHANNELS), N_HALFWAY, N_LENGTHS, -1)
+    pictures = pairs.transpose(0, 1, 3, 2).reshape(len(PAIR_CHANNELS), -1, N_LENGTHS)
     chosen = pictures[[PAIR_CHANNELS.index(name) for name in channels]]
     return np.ascontiguousarray(chosen * np.float32(2.0**0.5))
 

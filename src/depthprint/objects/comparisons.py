@@ -18,7 +18,7 @@ from depthprint.objects.distances import (
     compare_complexities,
     relaxed_distances,
 )
-from depthprint.objects.kernels import code_features, picture_distances
+from depthprint.objects.kernels import code_features, picture_shares
 from depthprint.objects.surface_comparisons import SurfaceComparisons, SurfaceKernels
 from depthprint.range_image import RangeImage
 
@@ -76,7 +76,8 @@ class ObjectComparisons:
 
     def pictures(self) -> MirroredDistances:
         """The same without the streams of pairs of points."""
-        return self._once("pictures", lambda: picture_distances(self.encoder, self.encodings))
+        shares = picture_shares(self.encoder.settings)
+        return self._once("pictures", lambda: compare_codes(self.encoder, self.encodings, shares=shares))
 
     def features(self) -> npt.NDArray[np.float32]:
         """Features (n, d) of the kernel of the pooled codes, without the streams of pairs."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -74,12 +75,11 @@ def compare_complexities(
     """Normalised information distances to views and to their mirror images, (n, m) or symmetric (n, n)."""
     if others is not None:
         return compare_with_batches(encoder, queries, signature_batches(others), progress)
-    straight = _stream_sum(encoder, signature_batches(queries), None, progress)
-    if not encoder.settings.mirror:
-        return MirroredDistances(straight)
-    mirrored = signature_batches([q.mirrored for q in queries if q.mirrored is not None])
-    flipped = _stream_sum(encoder, mirrored, signature_batches(queries), progress)
-    return MirroredDistances(straight, np.minimum(flipped, flipped.T))
+    streams = range(len(encoder.settings.streams))
+    found = sum_of_parts(stream_part(encoder, number, queries, None, progress) for number in streams)
+    if found.mirrored is None:
+        return found
+    return MirroredDistances(found.straight, np.minimum(found.mirrored, found.mirrored.T))
 
 
 def compare_with_batches(
@@ -89,51 +89,49 @@ def compare_with_batches(
     progress: Progress | None = None,
 ) -> MirroredDistances:
     """``compare_complexities`` with other views, whose signatures ``signature_batches`` brought together before."""
-    parts = [stream_part(encoder, number, queries, batch, progress) for number, batch in enumerate(others)]
-    return sum_of_parts(parts)
+    return sum_of_parts(
+        stream_part(encoder, number, queries, batch, progress) for number, batch in enumerate(others)
+    )
 
 
 def stream_part(
     encoder: Encoder,
     number: int,
     queries: Sequence[Encoding],
-    others: SignatureBatch,
+    others: SignatureBatch | None,
     progress: Progress | None = None,
 ) -> MirroredDistances:
-    """What one stream gives to ``compare_with_batches``: its distances to other views' signatures, times its share."""
-    sides = [query.signatures[number] for query in queries]
-    turned = [query.mirrored.signatures[number] for query in queries if query.mirrored is not None]
+    """One stream's distances to other views' signatures, to the views' own where None, times the stream's share."""
+    straight = [query.signatures[number] for query in queries]
+    mirrored = [query.mirrored.signatures[number] for query in queries if query.mirrored is not None]
     # What is the same in the mirror is compared once.
-    distinct = turned if any(a is not b for a, b in zip(sides, turned, strict=False)) else []
-    found = _stream_matrix(encoder, number, SignatureBatch.stack([*sides, *distinct]), others, progress)
-    straight, mirrored = found[: len(sides)], found[-len(sides) :]
-    return MirroredDistances(straight, mirrored if turned else None)
+    turned = mirrored if any(a is not b for a, b in zip(straight, mirrored, strict=False)) else []
+    if others is None:
+        own = SignatureBatch.stack(straight)
+        near = _stream_matrix(encoder, number, own, None, progress)
+        far = _stream_matrix(encoder, number, SignatureBatch.stack(turned), own, progress) if turned else near
+    else:
+        found = _stream_matrix(encoder, number, SignatureBatch.stack([*straight, *turned]), others, progress)
+        near, far = found[: len(straight)], found[-len(straight) :]
+    return MirroredDistances(near, far if mirrored else None)
 
 
-def sum_of_parts(parts: Sequence[MirroredDistances]) -> MirroredDistances:
-    """The distances that the streams' parts add up to."""
-    straight = np.sum([part.straight for part in parts], axis=0)
-    mirrored = [part.mirrored for part in parts if part.mirrored is not None]
-    return MirroredDistances(straight, np.sum(mirrored, axis=0) if mirrored else None)
+def sum_of_parts(parts: Iterable[MirroredDistances]) -> MirroredDistances:
+    """The distances that the streams' parts add up to; none is kept longer than it takes to add it."""
+    return reduce(_added, parts)
+
+
+def _added(first: MirroredDistances, second: MirroredDistances) -> MirroredDistances:
+    straight = first.straight + second.straight
+    if first.mirrored is None or second.mirrored is None:
+        return MirroredDistances(straight)
+    return MirroredDistances(straight, first.mirrored + second.mirrored)
 
 
 def signature_batches(encodings: Sequence[Encoding]) -> list[SignatureBatch]:
     """Signatures of all views, stream by stream."""
     streams = zip(*(encoding.signatures for encoding in encodings), strict=True)
     return [SignatureBatch.stack(signatures) for signatures in streams]
-
-
-def _stream_sum(
-    encoder: Encoder,
-    queries: Sequence[SignatureBatch],
-    others: Sequence[SignatureBatch] | None,
-    progress: Progress | None,
-) -> FloatArray:
-    total: FloatArray | float = 0.0
-    for number, batch in enumerate(queries):
-        other = None if others is None else others[number]
-        total = total + _stream_matrix(encoder, number, batch, other, progress)
-    return np.asarray(total, dtype=np.float64)
 
 
 def _stream_matrix(
@@ -185,21 +183,31 @@ def cosine_distances(encoder: Encoder, queries: Sequence[Encoding]) -> FloatArra
 
 
 def compare_codes(
-    encoder: Encoder, queries: Sequence[Encoding], others: Sequence[Encoding] | None = None
+    encoder: Encoder,
+    queries: Sequence[Encoding],
+    others: Sequence[Encoding] | None = None,
+    *,
+    shares: Mapping[int, float] | None = None,
 ) -> MirroredDistances:
-    """One minus the weighted mean cosine of the streams' pooled codes, (n, m) or symmetric (n, n)."""
+    """One minus the weighted mean cosine of the streams' pooled codes, (n, m) or symmetric (n, n).
+
+    shares: of the streams that count, by their numbers; those of all streams where None.
+    """
     targets = queries if others is None else others
-    straight = _code_distances(encoder, queries, targets)
+    weights = dict(enumerate(encoder.settings.stream_weights)) if shares is None else shares
+    straight = _code_distances(weights, queries, targets)
     if not encoder.settings.mirror:
         return MirroredDistances(straight)
-    flipped = _code_distances(encoder, [q.mirrored for q in queries if q.mirrored is not None], targets)
+    flipped = _code_distances(weights, [q.mirrored for q in queries if q.mirrored is not None], targets)
     # Among the views themselves equal but for rounding: mirroring both changes nothing.
     return MirroredDistances(straight, (flipped + flipped.T) / 2 if others is None else flipped)
 
 
-def _code_distances(encoder: Encoder, queries: Sequence[Encoding], targets: Sequence[Encoding]) -> FloatArray:
+def _code_distances(
+    shares: Mapping[int, float], queries: Sequence[Encoding], targets: Sequence[Encoding]
+) -> FloatArray:
     distances = np.ones((len(queries), len(targets)))
-    for number, weight in enumerate(encoder.settings.stream_weights):
+    for number, weight in shares.items():
         stored = _unit_rows([t.vectors[number] for t in targets])
         distances -= weight * (_unit_rows([q.vectors[number] for q in queries]) @ stored.T)
     return np.maximum(distances, 0.0)

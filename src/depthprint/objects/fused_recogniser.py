@@ -174,10 +174,9 @@ class FusedRecogniser:
         """Learn from how the stored views compare among themselves and their labels (n,)."""
         known = np.asarray(labels)
         self._discriminant.fit(stored.kernel, _for_copies(known, stored.kernel))
-        n = len(stored.distances)
-        weights = (
-            (NEAREST_WEIGHT / max(1, n),) * n if self._nearest_weights is None else self._nearest_weights
-        )
+        weights = self._nearest_weights
+        if weights is None:
+            weights = tuple(NEAREST_WEIGHT / len(stored.distances) for _ in stored.distances)
         self.joined = JoinedScores.of_distances(stored.distances, known, self._local_scaling, weights)
         self.multipliers = (
             None if stored.machine_kernel is None else _machine_multipliers(stored.machine_kernel, known)

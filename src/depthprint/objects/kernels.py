@@ -12,13 +12,14 @@ from depthprint.encoder import Encoder
 from depthprint.encoding import Encoding
 from depthprint.errors import DataError
 from depthprint.objects.distances import MirroredDistances
+from depthprint.settings import EncoderSettings
 
 __all__ = [
     "DistanceFeatures",
     "code_features",
     "code_vectors",
     "mirrored_encodings",
-    "picture_distances",
+    "picture_shares",
     "unit_rows",
 ]
 
@@ -26,34 +27,26 @@ FloatArray = npt.NDArray[np.float64]
 Float32Array = npt.NDArray[np.float32]
 
 
-def code_vectors(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
-    """Unit vectors (n, d) of the pooled codes of the streams, each with its weight.
+def picture_shares(settings: EncoderSettings) -> dict[int, float]:
+    """Shares, by their numbers, of the streams whose codes the recogniser compares: all but those of pairs of points.
 
-    Streams of pairs of points are left out: the recogniser compares those by themselves.
+    Pairs are compared by themselves. Where there is nothing else, all streams.
     """
-    streams = encoder.settings.streams
-    chosen = [number for number, stream in enumerate(streams) if stream.view != "pairs"] or range(
-        len(streams)
-    )
-    total = sum(streams[number].weight for number in chosen)
+    pictures = {number: s.weight for number, s in enumerate(settings.streams) if s.view != "pairs"}
+    chosen = pictures or {number: s.weight for number, s in enumerate(settings.streams)}
+    return {number: weight / sum(chosen.values()) for number, weight in chosen.items()}
+
+
+def code_vectors(encoder: Encoder, encodings: Sequence[Encoding]) -> Float32Array:
+    """Unit vectors (n, d) of the pooled codes of the streams of ``picture_shares``."""
     return np.concatenate(
         [
-            np.float32(math.sqrt(streams[number].weight / total))
+            np.float32(math.sqrt(share))
             * unit_rows(np.stack([e.vectors[number].reshape(-1) for e in encodings]))
-            for number in chosen
+            for number, share in picture_shares(encoder.settings).items()
         ],
         axis=1,
     )
-
-
-def picture_distances(encoder: Encoder, encodings: Sequence[Encoding]) -> MirroredDistances:
-    """One minus the cosines (n, n) of the views' ``code_vectors``."""
-    vectors = code_vectors(encoder, encodings)
-    straight = np.maximum(1.0 - vectors @ vectors.T, 0.0)
-    if not encoder.settings.mirror:
-        return MirroredDistances(straight)
-    crossed = code_vectors(encoder, mirrored_encodings(encodings)) @ vectors.T
-    return MirroredDistances(straight, np.maximum(1.0 - (crossed + crossed.T) / 2, 0.0))
 
 
 def mirrored_encodings(encodings: Sequence[Encoding]) -> list[Encoding]:

@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder
+from depthprint.encoder_ablations import suited_encoder
 from depthprint.errors import DataError
-from depthprint.objects.stored_views import StoredViews, store_views
-from depthprint.objects.surface_words import SurfaceWords
+from depthprint.objects.stored_views import StoredViews, describe_and_store
 from depthprint.objects.trained_recogniser import left_out_scores
-from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 
 __all__ = ["SavedRecogniserMethod"]
@@ -38,10 +37,8 @@ class SavedRecogniserMethod:
         """Describe the views; nothing happens for those that were given last."""
         if images is self._images:
             return
-        surfaces = self._encoder.settings.mirror and isinstance(images[0].projection, Pinhole)
-        words = SurfaceWords.load() if surfaces else None
-        encodings = self._encoder.describe_many(images, progress)
-        self._kept = store_views(self._encoder, encodings, images, self._encoder.settings.seed, words)
+        encoder = suited_encoder(self._encoder, images[0])
+        self._kept = describe_and_store(encoder, images, encoder.settings.seed, progress)
         self._images = images
 
     def predict(self, train: IndexArray, train_labels: IndexArray, test: IndexArray) -> IndexArray:

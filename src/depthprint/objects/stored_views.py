@@ -29,6 +29,7 @@ from depthprint.objects.stored_geometry import StoredGeometry
 from depthprint.objects.surface_words import SurfaceWords
 from depthprint.objects.view_features import ViewFeatures
 from depthprint.partial_views import partial_copies
+from depthprint.projection import Pinhole
 from depthprint.range_image import RangeImage
 from depthprint.signature import SignatureBatch
 from depthprint.surflet_pairs import image_pairs, pair_vectors
@@ -40,11 +41,13 @@ __all__ = [
     "MAX_LANDMARKS",
     "MAX_LANDMARKS_BESIDE_SURFACES",
     "StoredViews",
+    "describe_and_store",
     "store_views",
 ]
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
+Progress = Callable[[int, int], None]
 
 MAX_LANDMARKS = 48
 # Beside surfaces fewer do as well: by nested splits of training objects 51.5 % of 765 views, and 51.6 % with 48.
@@ -142,6 +145,18 @@ class StoredViews:
         pairs = np.stack([image_pairs(image) for image in images])
         sides = self.surface_directions.along(self.words.features(images, mirror=mirror))
         return [*sides, *self.pair_directions.along([pairs])]
+
+
+def describe_and_store(
+    encoder: Encoder, images: Sequence[RangeImage], seed: int, progress: Progress | None = None
+) -> StoredViews:
+    """``store_views`` of images that are still to be encoded, with the shipped words where surfaces are compared.
+
+    Presets that mirror are those of objects; surfaces are known of crops of a pinhole camera alone.
+    """
+    surfaces = encoder.settings.mirror and isinstance(images[0].projection, Pinhole)
+    words = SurfaceWords.load() if surfaces else None
+    return store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
 
 
 def store_views(

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthprint.encoder import Encoder
-from depthprint.encoder_ablations import without_pairs
+from depthprint.encoder_ablations import suited_encoder
 from depthprint.errors import DataError
 from depthprint.object_surface import object_surface
 from depthprint.objects.alignment import AGREEMENT_WEIGHT, aligned_agreements, checked_scores
@@ -20,9 +20,7 @@ from depthprint.objects.calibration import Calibration, calibrate
 from depthprint.objects.learned_classes import LearnedClasses
 from depthprint.objects.recogniser_file import RecogniserParts, load_recogniser, save_recogniser
 from depthprint.objects.stored_geometry import StoredGeometry
-from depthprint.objects.stored_views import StoredViews, store_views
-from depthprint.objects.surface_words import SurfaceWords
-from depthprint.projection import Pinhole
+from depthprint.objects.stored_views import StoredViews, describe_and_store
 from depthprint.range_image import RangeImage
 
 if TYPE_CHECKING:
@@ -106,12 +104,8 @@ class TrainedRecogniser:
             )
         if len(set(labels)) < 2:
             raise DataError(f"recogniser: expected views of two classes or more, got {sorted(set(labels))}")
-        # Presets that mirror are those of objects; surfaces and pairs are known of crops of a pinhole camera alone.
-        pinhole = isinstance(images[0].projection, Pinhole)
-        surfaces = encoder.settings.mirror and pinhole
-        encoder = encoder if pinhole else without_pairs(encoder)
-        words = SurfaceWords.load() if surfaces else None
-        stored = store_views(encoder, encoder.describe_many(images, progress), images, seed, words)
+        encoder = suited_encoder(encoder, images[0])
+        stored = describe_and_store(encoder, images, seed, progress)
         calibration = calibrate(
             lambda train, known, test: left_out_scores(stored, images, train, known, test)[::2],
             np.asarray(labels),

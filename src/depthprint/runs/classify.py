@@ -37,18 +37,14 @@ def run_classify(
     Raises DataError naming the file or folder that cannot be used.
     """
     from depthprint.classification import NearestComplexityClassifier
-    from depthprint.encoder_ablations import without_pairs
+    from depthprint.encoder_ablations import suited_encoder
     from depthprint.objects.distances import complexity_distances
-    from depthprint.projection import Pinhole
 
     image = read_view(query)
     files = [file for file in labelled_files(against) if file.path.resolve() != query.resolve()]
     if not files:
         raise DataError(f"{against}: expected examples other than the query itself")
-    encoder = require_model(model, preset, "object")
-    if not isinstance(image.projection, Pinhole):
-        # Pairs of points are known of crops of a pinhole camera alone.
-        encoder = without_pairs(encoder)
+    encoder = suited_encoder(require_model(model, preset, "object"), image)
     description = encoder.describe(image)
     examples = encoder.describe_many(read_labelled(files, against), stages("encode the examples"))
     distances = complexity_distances(encoder, [description], examples)
